@@ -9,7 +9,13 @@ expected what the errors' would be, less S.
 
 *Level.* The variance of the errors is the mean of ``r^2 + S`` within :data:`_AROUND_S` of each position, horizontally
 and vertically (variance components: Foerstner 1979, as in :mod:`trackfg.solver.variance_components`). It is shrunk
-towards the median of the run, and that one towards what is declared.
+towards that of the run, and that one towards what is declared. The run's is the median, over the median that the mean
+of so many squares has.
+
+Errors that last a minute are large or small for as long, though their level never changes. So there are two
+hypotheses, levels that change and one level with errors that last: in the second, n residuals around a position tell as
+much of its level as n / C independent ones. The first has a parameter more for every span and group of residuals; it
+stands where its likelihood is larger by more than their number (Akaike, IEEE Trans. Automatic Control 19 (1974)).
 
 *Correlation.* n positions whose errors have the autocorrelation rho tell as much as n / C independent ones,
 
@@ -140,7 +146,8 @@ def gnss_errors(run: SolvedRun) -> Reassessment:
     in_sigmas = residual / declared.sigma
     if problem.gnss_level is not None and have_grown(in_sigmas, problem.gnss_level):
         return Reassessment(problem, (_HELD_OTHERS,))
-    seen = errors_seen(t, in_sigmas, np.diagonal(followed, axis1=1, axis2=2) / declared.sigma**2)
+    variance = np.diagonal(followed, axis1=1, axis2=2) / declared.sigma**2
+    seen = errors_seen(t, in_sigmas, variance, weighted=problem.gnss_level is not None)
     least = 1.0 if run.config.position.gnss_correlation_s else 0.0
     sigma = declared.sigma * np.maximum(seen.factor, least)
     changed = bool(np.sqrt(np.mean(np.log(sigma / family.sigma) ** 2)) > _SETTLED)
@@ -157,34 +164,81 @@ def have_grown(residual: Array, level: Array) -> bool:
     return bool(np.mean(residual**2) > _GROWN**2 * np.mean(level**2))
 
 
-def errors_seen(t: Array, residual: Array, followed: Array) -> GnssErrors:
+def errors_seen(t: Array, residual: Array, followed: Array, *, weighted: bool = True) -> GnssErrors:
     """Return level and correlation at times t (m,), s, from residuals (m, 3) in declared sigmas and from the variance S
     of the predicted positions (m, 3), likewise.
+
+    ``weighted``: large errors had less weight already. Where they had not, they bent the path, all residuals seem to
+    last, and levels are taken to change.
     """
-    level, correlation = np.empty_like(residual), np.empty(len(t))
+    changing = _errors(t, residual, followed, 1.0)
+    if not weighted:
+        return changing
+    lasting = _errors(t, residual, followed, float(changing.correlation[~_far(changing.level)][0]))
+    gain = _likelihood(t, residual, changing.level) - _likelihood(t, residual, lasting.level)
+    return changing if gain > len(_GROUPS) * (t[-1] - t[0]) / (2.0 * _around_s(t)) else lasting
+
+
+def _around_s(t: Array) -> float:
+    """Return half of the span with one level, s."""
+    return max(_AROUND_S, _AROUND_POSITIONS * median_interval(t))
+
+
+def _errors(t: Array, residual: Array, followed: Array, correlation: float) -> GnssErrors:
+    """Return level and correlation where n residuals around a position tell as much as n / C independent ones."""
+    level, correlations = np.empty_like(residual), np.empty(len(t))
     for columns in _GROUPS:
-        level[:, columns] = _levels(t, residual[:, columns], followed[:, columns])[:, None]
-    size = np.sqrt(np.mean(level**2, axis=1))
-    far = size > _FAR * np.median(size)
+        level[:, columns] = _levels(t, residual[:, columns], followed[:, columns], correlation)[:, None]
+    far = _far(level)
     for part in (far, ~far):
-        correlation[part] = _correlation(t, residual / level, followed / level**2, part)
-    return GnssErrors(level, correlation)
+        correlations[part] = _correlation(t, residual / level, followed / level**2, part)
+    return GnssErrors(level, correlations)
 
 
-def _levels(t: Array, residual: Array, followed: Array) -> Array:
-    """Return the level around each position, (m,), of residuals (m, k)."""
-    around = max(_AROUND_S, _AROUND_POSITIONS * median_interval(t))
+def _far(level: Array) -> np.ndarray:
+    """Return which positions have levels far above the median, (m,) of (m, 3)."""
+    size = np.sqrt(np.mean(level**2, axis=1))
+    return np.asarray(size > _FAR * np.median(size))
+
+
+def _likelihood(t: Array, residual: Array, level: Array) -> float:
+    """Return the logarithm of the likelihood of levels (m, 3), of each residual (m, 3) given the one before it.
+
+    Residuals over their level are a first-order autoregression, those of large levels and the others each one of its
+    own. Its innovations follow Cauchy's distribution, whose scale is the median of their magnitudes: outliers are in
+    both hypotheses, and must not decide between them.
+    """
+    z = residual / level
+    bounded = np.clip(z, -_BOUND_SIGMAS, _BOUND_SIGMAS)
+    far, total = _far(level), 0.0
+    adjacent = np.diff(t) < 1.5 * median_interval(t)
+    for part in (far, ~far):
+        pairs = adjacent & part[1:]
+        if np.any(bounded[:-1][pairs]):
+            before, after = bounded[:-1][pairs], bounded[1:][pairs]
+            innovation = z[1:][pairs] - z[:-1][pairs] * np.sum(before * after) / np.sum(before**2)
+            scale = max(float(np.median(np.abs(innovation))), np.finfo(float).eps)
+            total -= float(np.sum(np.log(scale * level[1:][pairs]) + np.log1p((innovation / scale) ** 2)))
+    return total
+
+
+def _levels(t: Array, residual: Array, followed: Array, correlation: float) -> Array:
+    """Return the level around each position, (m,), of residuals (m, k) of which n tell as much as n / C would alone."""
+    around = _around_s(t)
     first, last = np.searchsorted(t, t - around), np.searchsorted(t, t + around, side="right")
     count = (last - first) * residual.shape[1]
+    independent = np.maximum(count / correlation, residual.shape[1])
+    median = (1.0 - 2.0 / (9.0 * independent)) ** 3  # of the mean of so many squares (Wilson & Hilferty, 1931)
     level = np.full(len(t), np.sqrt(np.median(residual**2 + followed)))
     for _ in range(_ROUNDS):
         bound = level[:, None] ** 2
         squares = np.minimum(residual**2, _BOUND_SIGMAS**2 * bound) + np.minimum(followed, _MOST_FOLLOWED * bound)
         total = np.concatenate([[0.0], np.cumsum(squares.sum(axis=1))])
         around_it = total[last] - total[first]
-        usual = float(np.median(around_it / count))
-        usual = (usual * squares.size + _DECLARED_WEIGHT) / (squares.size + _DECLARED_WEIGHT)
-        level = np.sqrt((around_it + _RUN_WEIGHT * usual) / (count + _RUN_WEIGHT))
+        usual = float(np.median(around_it / count / median))
+        declared, of_run = _DECLARED_WEIGHT * correlation, _RUN_WEIGHT * correlation
+        usual = (usual * squares.size + declared) / (squares.size + declared)
+        level = np.sqrt((around_it + of_run * usual) / (count + of_run))
     return np.asarray(np.clip(level, *_LEVELS))
 
 

@@ -78,7 +78,7 @@ class GnssRecord:
     def judge(self) -> None:
         """Compute the factors anew."""
         if len(self.t) >= FEWEST:
-            seen = errors_seen(self.t, self.residual, self.variance)
+            seen = errors_seen(self.t, self.residual, self.variance, weighted=bool(np.any(self.factor > 1.0)))
             self.factor, self.lasting = np.maximum(seen.factor, 1.0), float(np.sqrt(np.median(seen.correlation)))
 
     def weigh(self, window: Window, width: float) -> Window:
