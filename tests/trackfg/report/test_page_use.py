@@ -108,6 +108,8 @@ def test_on_paper_every_sheet_is_whole(shown: Any) -> None:
         ".sheet", "all => all.filter(one => one.getBBox().x < 0 || one.getBBox().width > 1108).length"
     )
     assert beyond == 0
+    breaks = shown.tab.eval_on_selector_all(".sheet", "all => all.map(one => getComputedStyle(one).breakBefore)")
+    assert breaks[:2] == ["auto", "page"]  # the heading is on the first sheet's page
     shown.tab.emulate_media(media="screen")
     shown.tab.evaluate("dispatchEvent(new Event('afterprint'))")
     assert shown.tab.locator(".sheet").count() == 0
