@@ -46,24 +46,24 @@ def preintegrated(inputs: GraphInputs, states: States, speedless: bool) -> tuple
 
     starts, first = increment_starts(inputs.data, inputs.edges, _INCREMENT_S)
     bridged = inputs.data.bridged[inputs.edges[:-1]]
-    measured: list[Preintegration] = []
+    count = len(starts) - 1
+    duration, rotation, velocity = np.empty(count), np.empty((count, 3)), np.empty((count, 3))
     for begin in range(0, len(first) - 1, _AT_A_TIME):
-        of_some = first[begin : begin + _AT_A_TIME + 1]
-        increments = compress(inputs.data, starts[of_some[0] : of_some[-1] + 1], gyro_bias)
-        ends = (of_some - of_some[0]).tolist()
-        measured += [
-            Preintegration(
-                bridge if bridged[k] else PreintegrationNoise(gyro[k], accel[k]),
-                float(weight[k]),
-                turning[k],
-                states.bias[k],
-                increments.duration[a:b],
-                increments.rotation[a:b],
-                increments.velocity[a:b],
-            )
-            for k, (a, b) in enumerate(pairwise(ends), begin)
-        ]
-    return tuple(measured)
+        own = slice(first[begin], first[min(begin + _AT_A_TIME, len(first) - 1)])
+        increments = compress(inputs.data, starts[own.start : own.stop + 1], gyro_bias)
+        duration[own], rotation[own], velocity[own] = increments.duration, increments.rotation, increments.velocity
+    return tuple(
+        Preintegration(
+            bridge if bridged[k] else PreintegrationNoise(gyro[k], accel[k]),
+            float(weight[k]),
+            turning[k],
+            states.bias[k],
+            duration[a:b],
+            rotation[a:b],
+            velocity[a:b],
+        )
+        for k, (a, b) in enumerate(pairwise(first.tolist()))
+    )
 
 
 def own_bias_walk(inputs: GraphInputs) -> Family:

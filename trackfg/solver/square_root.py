@@ -58,7 +58,10 @@ class SquareRoot(Outlined):
     @cached_property
     def inverse(self) -> Array:
         """R^-1, in the shape of R."""
-        return np.array([dtrtri(R)[0] for R in self.R])
+        inverse = np.empty_like(self.R)
+        for own, R in zip(inverse, self.R, strict=True):
+            own[:] = dtrtri(R)[0]
+        return inverse
 
     @cached_property
     def shared_inverse(self) -> Array:
