@@ -12,7 +12,6 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from trackfg.numerics.arrays import Array
 from trackfg.recording.track_network import TrackNetwork, place_at, stations
@@ -108,6 +107,8 @@ def _is_way(pieces: list[_Piece], a: End, b: End) -> bool:
 
 
 def _ways_where_ends_meet(pieces: list[_Piece]) -> dict[End, set[End]]:
+    from scipy.spatial import cKDTree  # late: only runs on a known line need it
+
     ways: dict[End, set[End]] = defaultdict(set)
     tree = cKDTree(np.concatenate([piece.line[[0, -1]] for piece in pieces]))
     for i, j in tree.query_pairs(JOINED_M):

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.key_figures import Outlined
+
+if TYPE_CHECKING:
+    from scipy.spatial import cKDTree
 
 _VERTEX_M = 10.0
 """Vertices are at most so far apart where they are searched, m: less than the distances that are searched."""
@@ -108,6 +110,8 @@ class _Segments(NamedTuple):
 
     @classmethod
     def of(cls, lines: tuple[Array, ...]) -> _Segments:
+        from scipy.spatial import cKDTree  # late: only runs on a known line need it
+
         dense = [_dense(line) for line in lines]
         counts = [len(line) - 1 for line in dense]
         start = np.concatenate([line[:-1] for line in dense])
