@@ -38,6 +38,8 @@ _STARTED = 0.25
 """Share of the cases about streams and open files in which an interpreter is started: others are forks of this one."""
 _PYTHONS_OWN = 4
 """Open files without which Python itself does not start: 3.11 needs 2 besides the standard streams."""
+_OF_LIBRARIES = (".cache", ".config")
+"""Where libraries keep what they know of this machine, as its fonts, in the user's home: here the case's folder."""
 _UNFINISHED = re.compile(r"\.trackfg-|^\.unfinished-")
 """In the names of what trackfg has not finished."""
 _IN_NEW = ", in a new interpreter"
@@ -399,7 +401,8 @@ def _left(
     if lost := sorted(name for name in kept if now.get(name) != kept[name]):
         return f"changed: {', '.join(lost)[:200]}"
     left = sorted(name for name in now if name not in kept and not (was_killed and name.startswith(".")))
-    if not was_killed and (stray := sorted(path.name for path in folder.parent.iterdir() if path != folder)):
+    stray = sorted(path.name for path in folder.parent.iterdir() if path != folder and path.name not in _OF_LIBRARIES)
+    if not was_killed and stray:
         return f"left in the folder for temporary files: {', '.join(stray)[:200]}"
     if kept and left and not (was_killed and all(name.endswith("-journal") for name in left)):
         return f"left over: {', '.join(left)[:200]}"

@@ -164,6 +164,9 @@ def _status(step: StreamStep) -> str:
     return f"{newest['t_s']:.1f} s {place:.1f} m {speed:.1f} km/h delay {step.delay_s or 0.0:.1f} s"
 
 
+_NEVER_ADDED = "a stream is never added to another"
+
+
 @dataclass(frozen=True)
 class _CheckpointChoice:
     every_s: float | None
@@ -191,14 +194,16 @@ def _into_folder(
             stream = opened(saved)
             note(f"{out}: {_place(saved, stream)}")
             return stream.run(ParquetParts(out, state=saved.sink), checkpoints, watch)
-    if out.is_dir():
-        (out / f"{UNFINISHED}{_CHECKPOINT}").unlink(missing_ok=True)  # of a stream that was killed before it began
+    if (out / f"{UNFINISHED}{_CHECKPOINT}").exists():
+        with sole_writer(out):
+            (out / f"{UNFINISHED}{_CHECKPOINT}").unlink(missing_ok=True)  # of a stream that was killed before it began
     if checkpoints.path.exists() and not checkpoints.read().finished:
         raise BadInputError(f"{out}: holds an unfinished stream: go on with it by --resume, or choose another folder")
-    refuse_used(out, "a stream is never added to another")
+    refuse_used(out, _NEVER_ADDED)
     stream = opened(None)
     out.mkdir(parents=True, exist_ok=True)
     with sole_writer(out):
+        refuse_used(out, _NEVER_ADDED)  # by another process meanwhile
         checkpoints.write(Checkpoint(stream.settings, NOTHING_WRITTEN))
         return stream.run(ParquetParts(out), checkpoints, watch)
 

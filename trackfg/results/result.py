@@ -142,9 +142,11 @@ class Result(KeyFigures):
         return _has_rails(self.geometry)
 
     def refuse_unsound(self) -> None:
-        """Raise ``ValueError`` for a table with unsound numbers (:mod:`trackfg.results.soundness`), and for a joint
-        covariance that is none.
+        """Raise ``ValueError`` for a table with unsound numbers (:mod:`trackfg.results.soundness`), for a smoothed run
+        without a trajectory, and for a joint covariance that is none.
         """
+        if self.trajectory.empty and self.summary.solver is not None:
+            raise ValueError(f"{_TRAJECTORY}: has no rows: expected those of a run that was smoothed")
         refuse_unsound(_TRAJECTORY, self.trajectory, ascending="t_s", complete=True)
         _refuse_unsound_geometry(self.geometry, self.summary)
         refuse_unsound(_EVENTS, self.events.drop(columns=list(_EVENT_TEXT)), ascending=None, complete=False)

@@ -231,11 +231,16 @@ def test_what_was_moved_away_by_a_killed_writer_comes_back(make_result: Make, tm
     assert_same(Result.read(tmp_path / "out"), make_result())
 
 
+def cut(path: Path) -> None:
+    pd.read_parquet(path)[:0].to_parquet(path)
+
+
 @pytest.mark.parametrize(
     ("damage", "message"),
     [
         (lambda folder: (folder / "events.csv").unlink(), r"events\.csv is missing"),
         (lambda folder: (folder / "trajectory.parquet").write_bytes(b"PAR1"), "not a readable trackfg result"),
+        (lambda folder: cut(folder / "trajectory.parquet"), "has no rows: expected those of a run that was smoothed"),
         (lambda folder: (folder / "summary.json").write_text("{}"), "not a readable trackfg result"),
         (lambda folder: (folder / "events.csv").write_text("kind\nslip\n"), "not a readable trackfg result"),
     ],

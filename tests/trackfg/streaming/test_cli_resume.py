@@ -10,12 +10,17 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from trackfg.cli import main
+from trackfg.cli.stream import _CheckpointChoice, _into_folder
 from trackfg.datasets.scenarios import simulate
+from trackfg.errors import BadInputError
+from trackfg.files.owned_folder import sole_writer
+from trackfg.streaming.checkpoint.checkpoint import Checkpoint
 from trackfg.streaming.sinks.parquet_parts import read_parts
 
 NOTHING = Path("/dev/null")
@@ -139,6 +144,29 @@ def test_a_folder_has_one_writer(recording: Path, tmp_path: Path) -> None:
     finally:
         first.kill()
         first.wait()
+
+
+def test_what_another_process_is_just_beginning_is_left_alone(recording: Path, tmp_path: Path) -> None:
+    unfinished = tmp_path / "out" / ".unfinished-checkpoint"
+    unfinished.parent.mkdir()
+    unfinished.write_bytes(b"half")
+    with sole_writer(unfinished.parent):
+        assert "another process is writing to it" in refused([recording, "-o", unfinished.parent])
+    assert unfinished.read_bytes() == b"half"
+
+
+def test_a_stream_that_was_written_meanwhile_is_left_alone(recording: Path, tmp_path: Path) -> None:
+    """Another process finishes one in the same folder while this one opens its source."""
+    out, written = tmp_path / "out", {}
+
+    def opened(saved: Checkpoint | None) -> Any:
+        said([recording, "--lag", "5", "-o", out])
+        written.update(contents(out))
+
+    with pytest.raises(BadInputError, match="a stream is never added to another"):
+        _into_folder(out, opened, _CheckpointChoice(None, resume=False), lambda step: None)
+    assert written
+    assert contents(out) == written
 
 
 def test_resume_begins_where_there_is_nothing(recording: Path, tmp_path: Path) -> None:

@@ -127,12 +127,13 @@ def part_of_run(survey: Survey, run_id: str, result: Result, place: str | None =
     recognised.
     """
     facts, conventions = run_facts(result.summary), _conventions(result)
-    if len(result.covariance.chainage_m) == 0:
-        raise BadInputError(f"run {run_id}: its result has no track geometry: a map needs it")
+    measured = result.geometry[list(MERGED)].notna().any(axis=1)
+    if len(result.covariance.chainage_m) == 0 or measured.sum() < 2:
+        raise BadInputError(f"run {run_id}: its result has no track geometry, or one row of it: a map needs more")
     if survey.conventions is not None:
         check_conventions(result.summary.geometry, survey.conventions, run_id)
     geometry = with_unstated_sigmas(result.geometry, (*MERGED, "twist_mm"))
-    profile = geometry[geometry[list(MERGED)].notna().any(axis=1)].assign(observations=1)
+    profile = geometry[measured].assign(observations=1)
     profile = profile.assign(cross_level_mm_sd=local_cross_level_sd(profile))
     to_map, sighted = Warp(np.zeros(1), np.zeros(1)), _NO_SIGHTINGS
     if survey.grid is not None:
@@ -321,9 +322,11 @@ def _distance(places: Array, others: Array) -> Array:
 
 
 def _line_seen(survey: Survey, result: Result, facts: RunFacts, to_map: Warp) -> pd.DataFrame | None:
+    """Return where the run passed the line's vertices; None where it has no places on the Earth, or passed none."""
     if facts.origin is None:
         return None
-    return positions_of_run(result.trajectory, to_map, facts.origin, survey.origin or facts.origin)
+    line = positions_of_run(result.trajectory, to_map, facts.origin, survey.origin or facts.origin)
+    return None if line.empty else line
 
 
 def _conventions(result: Result) -> MapConventions:

@@ -208,6 +208,13 @@ def _inside(places: np.ndarray, result: Result) -> None:
         assert enu[:, axis].max() == pytest.approx(result.trajectory[name].max(), abs=2.0)
 
 
+def test_landxml_needs_places_of_the_geometry(result, tmp_path):
+    far = result.trajectory[:2].assign(chainage_m=[-9e3, -8.9e3])
+    with pytest.raises(BadInputError, match="have no two places in common; expected them for landxml"):
+        _exported(replace(result, trajectory=far), "landxml", tmp_path)
+    assert not list(tmp_path.iterdir())
+
+
 def test_landxml_comes_back_by_our_own_reader_without_a_remark_on_the_plan(result, tmp_path):
     path = _exported(result, "landxml", tmp_path)
 

@@ -131,6 +131,16 @@ def test_a_run_smoothed_with_a_map_is_refused(line_map: FeatureMap, ride: Ride) 
         with_runs(line_map, [located])
 
 
+@pytest.mark.parametrize("rows", [0, 1])
+def test_a_run_with_one_place_of_track_is_refused(ride: Ride, rows: int) -> None:
+    run = ride(0).result
+    with pytest.raises(BadInputError, match="no track geometry, or one row of it"):
+        build_map([replace(run, geometry=run.geometry[:rows])], name="short")
+    unmeasured = run.geometry.iloc[:10].assign(**dict.fromkeys(run.geometry.columns[1:], np.nan))
+    with pytest.raises(BadInputError, match="no track geometry, or one row of it"):
+        build_map([replace(run, geometry=unmeasured)], name="short")
+
+
 def test_other_conventions_are_refused(line_map: FeatureMap, ride: Ride) -> None:
     result = ride(4).result
     meaning = result.summary.geometry.model_copy(update={"curvature_base_m": 20.0})
@@ -151,3 +161,5 @@ def test_gnss_places_the_line_on_the_earth(ride: Ride) -> None:
         inside = line["chainage_m"].between(100.0, 2900.0)
         assert np.abs((line[axis] - true)[inside] / line[f"{axis}_sd"][inside]).max() < 4.5
     assert placed.landmarks["east_m_sd"].notna().all()
+    nowhere = replace(runs[0].result, trajectory=runs[0].result.trajectory[:1])
+    assert np.isfinite(build_map([nowhere], name="drawn").line["east_m"]).all()

@@ -16,6 +16,7 @@ from scipy.integrate import simpson
 
 from trackfg.curves import Curve, find_curves
 from trackfg.curves.transition_laws import LAWS, TransitionLaw, rise
+from trackfg.errors import BadInputError
 from trackfg.files.libraries import library
 from trackfg.interchange.exporting.located import located_geometry
 from trackfg.interchange.exporting.result_format import ExportOptions, ResultFormat
@@ -63,9 +64,14 @@ class LandXml(ResultFormat):
     needs_trajectory = True
 
     def write(self, result: Result, path: Path, options: ExportOptions) -> None:
-        """Write the alignment. Raises :class:`BadInputError` where the result has no geometry."""
+        """Write the alignment. Raises :class:`BadInputError` where the result has no geometry, or no places of it."""
         measured = result.geometry_for("landxml")
         geometry = located_geometry(result).dropna(subset=["east_m", "north_m"])
+        if len(geometry) < 2:
+            raise BadInputError(
+                f"{result.summary.recording_id}: its trajectory and its geometry have no two places in common; "
+                f"expected them for {self.key}. Hint: csv, channels and xlsx need none"
+            )
         conventions = result.summary.geometry
         curves = find_curves(measured, base_m=conventions.curvature_base_m)
         start, end = float(geometry["chainage_m"].iloc[0]), float(geometry["chainage_m"].iloc[-1])
