@@ -18,6 +18,9 @@ PLACE_COLUMNS = ("t_s", "east_m", "north_m", "up_m")
 GEODETIC_COLUMNS = ("latitude_deg", "longitude_deg", "height_m")
 """What it adds where the result has a place on the Earth (WGS 84)."""
 
+_DATES = {"t_s": "time_utc", "start_s": "start_utc", "end_s": "end_utc"}
+"""Columns of times, s, and those of their dates."""
+
 
 def origin_of(result: Result) -> tuple[float, float, float] | None:
     """Return where east, north and up are counted from: latitude, longitude (deg), height (m); None without GNSS."""
@@ -97,4 +100,16 @@ def table_of(result: Result, name: str, *, km: bool = False, bands: bool = False
             table = with_long_bands(table, meaning.step_m, meaning.chord_m)
     else:
         table = located_trajectory(result) if name == "trajectory" else result.events
-    return with_km(table, kilometrage)
+    return with_km(_dated(table, start_of(result)), kilometrage)
+
+
+def _dated(table: pd.DataFrame, start: pd.Timestamp | None) -> pd.DataFrame:
+    """Return a table with dates in UTC after its times, where the date of t = 0 is known."""
+    if start is None:
+        return table
+    table = table.copy(deep=False)
+    for time, date in _DATES.items():
+        if time in table:
+            dates = start.tz_localize(None) + pd.to_timedelta(table[time].astype(np.float64), unit="s")
+            table.insert(list(table.columns).index(time) + 1, date, dates.astype("datetime64[us]"))
+    return table

@@ -20,7 +20,8 @@ from trackfg.datasets.scenarios import scenario, simulate
 from trackfg.errors import BadInputError, OutputError
 from trackfg.interchange.exporting.channels import read_template
 from trackfg.interchange.exporting.export import export_result
-from trackfg.interchange.exporting.located import GEODETIC_COLUMNS, PLACE_COLUMNS, located_geometry
+from trackfg.interchange.exporting.formats.rcm_dx import _forward
+from trackfg.interchange.exporting.located import GEODETIC_COLUMNS, PLACE_COLUMNS, located_geometry, table_of
 from trackfg.interchange.exporting.registry import result_format, result_formats
 from trackfg.interchange.exporting.result_format import ExportOptions
 from trackfg.mapping import build_map
@@ -102,6 +103,60 @@ def test_a_spreadsheet_has_a_sheet_for_each_table(result, tmp_path):
     assert list(sheets) == ["geometry", "trajectory", "events"]
     assert len(sheets["geometry"]) == len(result.geometry)
     np.testing.assert_allclose(sheets["geometry"]["cross_level_mm_sd"], result.geometry["cross_level_mm_sd"])
+
+
+def test_times_have_dates_where_the_start_is_known(result, without_place, tmp_path):
+    trajectory = pd.read_csv(_exported(result, "csv", tmp_path, table="trajectory"), parse_dates=["time_utc"])
+    events = pd.read_excel(_exported(result, "xlsx", tmp_path), sheet_name="events")
+    features = json.loads(_exported(result, "geojson", tmp_path).read_text())["features"]
+
+    since = (trajectory["time_utc"] - pd.Timestamp(START).tz_localize(None)).dt.total_seconds()
+    np.testing.assert_allclose(since, trajectory["t_s"], atol=1e-6)
+    assert list(events.columns[:5]) == ["kind", "start_s", "start_utc", "end_s", "end_utc"]
+    assert events["start_utc"].iloc[0] == pd.Timestamp(START).tz_localize(None) + pd.Timedelta(
+        events["start_s"].iloc[0], "s"
+    )
+    assert features[0]["properties"]["start_utc"] == "2026-05-01T03:12:00Z"
+    assert features[1]["properties"]["start_utc"].startswith("2026-05-01T03:")
+    assert "time_utc" not in table_of(without_place, "trajectory")
+
+
+def test_a_spreadsheet_keeps_its_names_in_sight_and_says_what_no_column_does(result, tmp_path):
+    openpyxl = pytest.importorskip("openpyxl")
+    book = openpyxl.load_workbook(_exported(result, "xlsx", tmp_path))
+
+    assert {sheet.freeze_panes for sheet in book} == {"B2"}
+    assert book.properties.title == result.summary.recording_id
+    about = "t_s counts from 2026-05-01 03:12:00+00:00; east_m, north_m, up_m count from 46.900000000, 7.400000000"
+    assert book.properties.description.startswith(about)
+
+
+def test_layers_have_dates_as_geographic_systems_know_them(result, tmp_path):
+    pyogrio = pytest.importorskip("pyogrio")
+    path = _exported(result, "gpkg", tmp_path)
+
+    for layer, column in (("geometry", "time_utc"), ("path", "start_utc"), ("events", "start_utc")):
+        info = pyogrio.read_info(path, layer=layer)
+        types = dict(zip(info["fields"], info["dtypes"], strict=True))
+        assert types[column].startswith("datetime64")
+
+
+def test_at_rest_a_vehicle_faces_as_when_it_last_moved():
+    speed = np.array([-1e-4, 2e-4, 0.5, 1.0, -1e-4, 0.0, -0.5, 1e-4])
+
+    assert _forward(speed, np.full(8, 1e-3)).tolist() == [True] * 6 + [False] * 2
+    assert _forward(-speed, np.full(8, 1e-3)).tolist() == [False] * 6 + [True] * 2
+    assert _forward(1e-3 * speed, np.full(8, 1e-3)).all()
+
+
+def test_landxml_says_when_and_in_what_frame_it_is(result, without_place, tmp_path):
+    root = etree.parse(_exported(result, "landxml", tmp_path)).getroot()
+    system = root.find("{*}CoordinateSystem")
+
+    assert (root.get("date"), root.get("time")) == ("2026-05-01", "03:12:00")
+    assert "latitude 46.900000000, longitude 7.400000000 (WGS 84)" in system.get("desc")
+    root = etree.parse(_exported(without_place, "landxml", tmp_path)).getroot()
+    assert root.find("{*}CoordinateSystem") is None
 
 
 def test_channels_have_their_place_units_and_sigmas(result, tmp_path):

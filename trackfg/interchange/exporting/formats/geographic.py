@@ -41,7 +41,7 @@ class GeoJson(ResultFormat):
             point = None if place is None else {"type": "Point", "coordinates": np.round(place, 9).tolist()}
             features.append({"type": "Feature", "geometry": point, "properties": event})
         collection = {"type": "FeatureCollection", "features": features}
-        path.write_text(json.dumps(collection, allow_nan=False), encoding="utf-8")
+        path.write_text(json.dumps(collection, allow_nan=False, default=_iso), encoding="utf-8")
 
 
 class Gpx(ResultFormat):
@@ -61,12 +61,12 @@ class Gpx(ResultFormat):
         etree.SubElement(trk, f"{{{_GPX}}}name").text = result.summary.recording_id
         segment = etree.SubElement(trk, f"{{{_GPX}}}trkseg")
         start = start_of(result)
-        times = None if start is None else start + pd.to_timedelta(track["t_s"], unit="s")
+        times = None if start is None else start.tz_localize(None) + pd.to_timedelta(track["t_s"], unit="s")
         for i, (longitude, latitude, height) in enumerate(_lon_lat_height(track)):
             point = etree.SubElement(segment, f"{{{_GPX}}}trkpt", lat=f"{latitude:.9f}", lon=f"{longitude:.9f}")
             etree.SubElement(point, f"{{{_GPX}}}ele").text = f"{height:.4f}"
             if times is not None:
-                etree.SubElement(point, f"{{{_GPX}}}time").text = times.iloc[i].isoformat().replace("+00:00", "Z")
+                etree.SubElement(point, f"{{{_GPX}}}time").text = _iso(times.iloc[i])
         etree.ElementTree(root).write(str(path), xml_declaration=True, encoding="utf-8", pretty_print=True)
 
 
@@ -112,9 +112,17 @@ class GeoParquet(ResultFormat):
         pq.write_table(table.replace_schema_metadata({"geo": json.dumps(geo)}), path)
 
 
-def _about(result: Result, options: ExportOptions) -> dict[str, str]:
-    """Return the recording of a path, and with official places its line and track."""
-    about = {"recording": result.summary.recording_id}
+def _iso(date: pd.Timestamp) -> str:
+    """Return a date in UTC as text."""
+    return f"{date.isoformat()}Z"
+
+
+def _about(result: Result, options: ExportOptions) -> dict[str, Any]:
+    """Return the recording of a path, its start where that is known, and with official places its line and track."""
+    about: dict[str, Any] = {"recording": result.summary.recording_id}
+    start = start_of(result)
+    if start is not None:
+        about["start_utc"] = start.tz_localize(None)
     if options.km:
         line = line_kilometrage(result)
         about |= {"line": line.line, "track": line.track}
@@ -156,7 +164,8 @@ def _points(table: pd.DataFrame) -> list[bytes]:
 def _layer(raw: Any, path: Path, name: str, shape: tuple[str, list[bytes]], fields: pd.DataFrame) -> None:
     kind, blobs = shape
     data = [fields[column].to_numpy() for column in fields.columns]
-    columns = [values.astype("float64") if values.dtype.kind in "iuf" else values.astype(object) for values in data]
+    types = {"i": "float64", "u": "float64", "f": "float64", "M": "datetime64[ms]"}
+    columns = [values.astype(types.get(values.dtype.kind, object)) for values in data]
     raw.write(
         path,
         np.array(blobs, dtype=object),

@@ -12,13 +12,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 from scipy.integrate import simpson
 
 from trackfg.curves import Curve, find_curves
 from trackfg.curves.transition_laws import LAWS, TransitionLaw, rise
 from trackfg.errors import BadInputError
 from trackfg.files.libraries import library
-from trackfg.interchange.exporting.located import located_geometry
+from trackfg.interchange.exporting.located import located_geometry, origin_of, start_of
 from trackfg.interchange.exporting.result_format import ExportOptions, ResultFormat
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.kilometrage import Kilometrage
@@ -81,8 +82,9 @@ class LandXml(ResultFormat):
         heading = float(np.arctan2(ahead[0], ahead[1]))
         etree = library("lxml.etree", "xml")
         root = etree.Element(f"{{{_NAMESPACE}}}LandXML", nsmap={None: _NAMESPACE}, version="1.2")
-        root.set("date", "1970-01-01")
-        root.set("time", "00:00:00")
+        date = start_of(result) or pd.Timestamp(0)  # the schema wants one
+        root.set("date", f"{date:%Y-%m-%d}")
+        root.set("time", f"{date:%H:%M:%S}")
         metric = {
             "linearUnit": "meter",
             "areaUnit": "squareMeter",
@@ -92,6 +94,9 @@ class LandXml(ResultFormat):
         metric |= {"temperatureUnit": "celsius", "pressureUnit": "HPA"}
         units = _child(root, "Units")
         _child(units, "Metric", **metric)
+        if (origin := origin_of(result)) is not None:
+            where = "{:.9f}, longitude {:.9f} (WGS 84)".format(*origin[:2])
+            _child(root, "CoordinateSystem", name="local", desc=f"north and east, m, from latitude {where}")
         alignment = _child(
             _child(root, "Alignments"),
             "Alignment",

@@ -29,6 +29,8 @@ VERSION = (2, 0, 4)
 
 _UNITS = {"1pm": "1/m", "permille": "permille", "mm": "mm", "mps": "m/s"}
 _UNKNOWN_ID = -1
+_SURE_SIGMAS = 3.0
+"""A speed of less is rest: of noise alone 1 in 400 is more."""
 """Line and track are not determined (specification, position channel)."""
 
 
@@ -131,10 +133,19 @@ def _position(session: Any, result: Result, stamps: np.ndarray, options: ExportO
     # 0 is very good and 15 very poor: a step for each doubling of the sigma from 0.1 m on.
     quality = np.ceil(np.log2(np.maximum(track["chainage_m_sd"].to_numpy(), 0.05) / 0.05))
     data["positionquality"] = np.clip(quality, 0, 15).astype(np.int32)
-    forward = track["speed_mps"].to_numpy() >= 0.0
+    forward = _forward(track["speed_mps"].to_numpy(), track["speed_mps_sd"].to_numpy())
     _texts(data, "direction", ["FORWARD" if ahead else "BACKWARD" for ahead in forward])
     growing = forward == (kilometrage.ascends(chainage) == (direction_of(result) == 1))
     _texts(data, "kilometrage", ["INCREASING" if grows else "DECREASING" for grows in growing])
+
+
+def _forward(speed_mps: Array, sd_mps: Array) -> np.ndarray:
+    """Return whether the vehicle faces ahead (n,): at rest as when it last moved, before that as when it first does."""
+    moving = np.flatnonzero(np.abs(speed_mps) > _SURE_SIGMAS * sd_mps)
+    if not len(moving):
+        return np.ones(len(speed_mps), dtype=bool)
+    last = np.searchsorted(moving, np.arange(len(speed_mps)), side="right") - 1
+    return np.asarray(speed_mps[moving[np.maximum(last, 0)]] > 0.0)
 
 
 def _number(name: str) -> int:

@@ -11,13 +11,15 @@ import pyarrow.csv
 from trackfg.errors import BadInputError
 from trackfg.files.libraries import library
 from trackfg.interchange.exporting.channels import channel_table, read_template
-from trackfg.interchange.exporting.located import table_of
+from trackfg.interchange.exporting.located import origin_of, start_of, table_of
 from trackfg.interchange.exporting.result_format import ExportOptions, ResultFormat
 from trackfg.results.columns import BAND_COLUMNS
 from trackfg.results.result import Result
 
 _SHEET_ROWS = 1_048_576
 """Rows that a sheet of .xlsx may have (ECMA-376)."""
+_DATE_WIDTH = 20
+"""Width of a column with dates and seconds, in characters."""
 
 
 class Csv(ResultFormat):
@@ -58,10 +60,27 @@ class Excel(ResultFormat):
                     f"{name} has {len(table)} rows; expected fewer than {_SHEET_ROWS} for .xlsx. Hint: csv"
                 )
             sheet = book.create_sheet(name)
+            sheet.freeze_panes = "B2"
+            for i, column in enumerate(table.columns, start=1):
+                width = max(len(column) + 2, _DATE_WIDTH if table[column].dtype.kind == "M" else 0)
+                sheet.column_dimensions[openpyxl.utils.get_column_letter(i)].width = width
             sheet.append(list(table.columns))
             for row in table.astype(object).where(table.notna(), None).itertuples(index=False):
                 sheet.append(list(row))
+        book.properties.title = result.summary.recording_id
+        book.properties.description = _about(result)
         book.save(path)
+
+
+def _about(result: Result) -> str:
+    """Return what a reader of the tables must know and no column says: the properties of the file show it."""
+    start, origin = start_of(result), origin_of(result)
+    zero = "the recording's start" if start is None else start.isoformat(sep=" ")
+    place = "the recording's start" if origin is None else "{:.9f}, {:.9f}, {:.4f} m (WGS 84)".format(*origin)
+    return (
+        f"t_s counts from {zero}; east_m, north_m, up_m count from {place}. Names end in their unit; _sd is the "
+        "standard deviation of the column before it, in its unit."
+    )
 
 
 class Channels(ResultFormat):
