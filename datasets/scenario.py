@@ -22,7 +22,7 @@ from trackfg.datasets.vehicle.adhesion import AdhesionModel
 from trackfg.datasets.vehicle.driving import Driver
 from trackfg.datasets.vehicle.ride import Ride
 from trackfg.datasets.vehicle.vehicle import Rigid, Vehicle
-from trackfg.numerics.key_figures import Outlined
+from trackfg.numerics.key_figures import KeyFigures
 from trackfg.recording.model import Recording
 
 TableName = Literal["imu", "tach", "fixes", "gnss", "lasers", "further"]
@@ -57,7 +57,7 @@ class Effect:
 
 
 @dataclass(frozen=True, repr=False)
-class Scenario(Outlined):
+class Scenario(KeyFigures):
     """A line, its condition, a vehicle with its driver, and sensors.
 
     ``line`` is drawn within the ranges of a design, ``length_m`` long or as long as the duration needs, or is given.
@@ -93,6 +93,10 @@ class Scenario(Outlined):
     both_ways: bool = False
     runs_per_vehicle: int = 1
     effects: tuple[Effect, ...] = ()
+
+    def key_figures(self) -> dict[str, str]:
+        """Return the summary, and how long a run lasts unless it is said."""
+        return {"scenario": self.name, "summary": self.summary, "length": f"{self.duration_s:.0f} s"}
 
     @property
     def georeferenced(self) -> bool:

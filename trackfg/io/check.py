@@ -11,6 +11,7 @@ from trackfg.checks.contradictions import diagnose
 from trackfg.checks.limits import CheckLimits
 from trackfg.io.reader import load
 from trackfg.numerics.blas_threads import one_thread
+from trackfg.numerics.key_figures import KeyFigures
 from trackfg.recording.findings import Finding, errors
 
 __all__ = ["CheckLimits", "CheckReport", "check_recording"]
@@ -21,12 +22,21 @@ _UNTIL_READ = 0.3
 """Share of the time that reading takes, of an hour of the scenario measuring-car."""
 
 
-@dataclass(frozen=True)
-class CheckReport:
+@dataclass(frozen=True, repr=False)
+class CheckReport(KeyFigures):
     """``findings``, errors first; ``estimates`` as nested mappings ready for JSON, empty if a table is unusable."""
 
     findings: tuple[Finding, ...]
     estimates: Mapping[str, Any] = field(default_factory=dict)
+
+    def key_figures(self) -> dict[str, str]:
+        """Return whether the recording is usable, which findings there are, and how much was estimated."""
+        codes = ", ".join(dict.fromkeys(finding.code for finding in self.findings))
+        return {
+            "recording": "usable" if self.usable else "not usable",
+            "findings": f"findings {codes or 'none'}",
+            "estimates": f"{len(self.estimates)} estimates",
+        }
 
     @property
     def usable(self) -> bool:

@@ -184,7 +184,7 @@ def _made(comparison: Comparison, command: str) -> PageSection:
         Text("from what trackfg compare wrote with these versions:"),
         Facts(tuple(comparison.about.versions.items())),
         Text(
-            f"Everything is held against {REFERENCE!r}, scored by the same code (trackfg.evaluation.scores) on the "
+            f"Ratios are over {REFERENCE!r}; all are scored by the same code (trackfg.evaluation.scores) on the "
             "same runs; trackfg compare with the cases and seeds above makes it again."
         ),
     )

@@ -124,7 +124,7 @@ class Result(KeyFigures):
             **({"verdict": trust} if page.verdicts else {}),
             "trajectory": f"trajectory {len(self.trajectory)} rows",
             "geometry": f"geometry {len(self.geometry)} rows",
-            "events": f"{len(self.events)} events",
+            "events": f"events {len(self.events)} rows",
         }
 
     def geometry_for(self, purpose: str) -> pd.DataFrame:
