@@ -107,7 +107,8 @@ class FolderKind:
                     raise BadInputError(f"{folder}: {wrong}; expected a trackfg {self.what}{hint}") from error
             except OSError as error:
                 raise BadInputError(
-                    f"{folder}: {error.filename} cannot be read: {error.strerror}; expected a trackfg {self.what}"
+                    f"{folder}: {error.filename or 'its content'} cannot be read: {error.strerror}; "
+                    f"expected a trackfg {self.what}"
                 ) from error
             finally:
                 if descriptor is not None:

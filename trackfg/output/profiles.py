@@ -107,8 +107,8 @@ class Ascent:
         """Return whether the pass is as long as a chord and has rows in as many cells as a spline needs: a clock or a
         tachometer that jumps makes passes of two places far apart.
         """
-        long_enough = self.x[-1] - self.x[0] >= SHORTEST_PASS_M
-        return bool(long_enough and len(np.unique(np.floor(self.x / step_m))) >= FEWEST_SAMPLES)
+        cells = len(np.unique(np.floor(self.x / step_m)))
+        return bool(cells >= FEWEST_SAMPLES and self.x[-1] - self.x[0] >= SHORTEST_PASS_M)
 
     def sorted(self, values: Array) -> Array:
         """Return values of the pass's rows (m, ...) in order of chainage."""

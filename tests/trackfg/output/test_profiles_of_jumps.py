@@ -20,6 +20,7 @@ from trackfg.output.profiles import Ascent
         (np.repeat([0.0, 1e9], 50), False),
         (np.repeat([0.0, 10.0, 1e300], 50), False),
         (np.array([0.0, 5.0, 10.0, 15.0]), True),
+        (np.array([]), False),  # between two keyframes that a clock has put at one time
     ],
 )
 def test_a_profile_needs_rows_in_enough_cells(places: np.ndarray, *, holds: bool) -> None:
