@@ -214,7 +214,7 @@ def _mounting(mounting: Mounting | None) -> dict[str, str]:
     """Return the rows of the mounting, in deg and m."""
     if mounting is None:
         return {}
-    yaw, pitch = (_with_sd(angle, math.degrees(1.0), 2) for angle in (mounting.yaw_rad, mounting.pitch_rad))
+    yaw, pitch = (_with_sd(angle, math.degrees(1.0), 3) for angle in (mounting.yaw_rad, mounting.pitch_rad))
     return {
         "direction of travel": f"{yaw} deg left, {pitch} deg below the sensor's axis",
         "point on the track": _vector(mounting.tracking_point_m, 1.0, "m from the reference point"),
