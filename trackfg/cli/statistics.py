@@ -46,7 +46,7 @@ def statistics(
     shown = titled(f"Sections of {section:g} m")
     names = list(table.columns)
     for name in names[:_MOST_COLUMNS]:
-        shown.add_column(name, justify="right", overflow="fold")
+        shown.add_column(name.replace("_", " "), justify="right")
     for row in table[names[:_MOST_COLUMNS]].to_numpy().tolist():
         shown.add_row(*(f"{place:.0f}" for place in row[:2]), *(_cell(value) for value in row[2:]))
     more = len(names) - _MOST_COLUMNS
