@@ -82,10 +82,12 @@ def write_sensor_json(drive: Drive, folder: Path) -> Path:
         for ns, row in zip(drive.ns, values, strict=True):
             x, y, z = (repr(float(value)) for value in row)
             entries.append({"sensor": name, "time": str(ns), "z": z, "y": y, "x": x})
+    sigmas = {"horizontalAccuracy": GNSS_SD_M[0] / SIGMA_OF_RADIUS, "verticalAccuracy": GNSS_SD_M[2]}
+    accuracy = {name: repr(value) for name, value in sigmas.items()}
     places = zip(drive.gnss_ns, drive.latitude, drive.longitude, drive.height, strict=True)
     for ns, *place in places:
         position = dict(zip(("latitude", "longitude", "altitude"), (repr(float(v)) for v in place), strict=True))
-        entries.append({"sensor": "Location", "time": str(ns), **position, "horizontalAccuracy": "4.5"})
+        entries.append({"sensor": "Location", "time": str(ns), **position, **accuracy})
     path.write_text(json.dumps(entries))
     return path
 

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import json
+import sqlite3
 import subprocess
 import sys
+from contextlib import closing
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -139,6 +141,10 @@ def test_layers_have_dates_as_geographic_systems_know_them(result, tmp_path):
         info = pyogrio.read_info(path, layer=layer)
         types = dict(zip(info["fields"], info["dtypes"], strict=True))
         assert types[column].startswith("datetime64")
+    with closing(sqlite3.connect(path)) as layers:
+        ((date,),) = layers.execute("SELECT start_utc FROM path").fetchall()
+    assert date.endswith("Z")
+    assert pd.Timestamp(date) == START
 
 
 def test_at_rest_a_vehicle_faces_as_when_it_last_moved():

@@ -19,6 +19,8 @@ from trackfg.numerics.geometry_blob import line_wkb, point_wkb
 from trackfg.results.official_places import line_kilometrage
 from trackfg.results.result import Result
 
+_GDAL_UTC = 100
+"""GDAL's number of the zone of a date that is UTC (``OGR_TZFLAG_UTC``)."""
 _GPX = "http://www.topografix.com/GPX/1/1"
 
 
@@ -175,5 +177,10 @@ def _layer(raw: Any, path: Path, name: str, shape: tuple[str, list[bytes]], fiel
         driver="GPKG",
         geometry_type=kind,
         crs="EPSG:4326",
+        gdal_tz_offsets={
+            name: np.full(len(values), _GDAL_UTC)
+            for name, values in zip(fields.columns, columns, strict=True)
+            if values.dtype.kind == "M"
+        },
         append=path.exists(),
     )
