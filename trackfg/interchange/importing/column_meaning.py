@@ -34,12 +34,12 @@ _PATTERNS = {
     "accel": r"acc(?!ur)|beschl|specific.?force|^f_?[xyz]\b|^[ab][\s_]?[xyz]\b|^f[xyz]_|dvel|delta.?v",
     "speed": r"speed|geschw|veloc|vitesse|twist.*linear\.x|^v$|^v[\s_\[(]|kmh|km/h",
     "count": (
-        r"pulse|impuls|(?<!packet)(?<!packet.)(?<!sample)(?<!sample.)(?<!frame)(?<!frame.)count|"
+        r"pulse|impuls|^(?!.*(packet|sample|frame|sat|error|message|msg|seq)).*count|"
         r"ticks|in[ck]rement|\benc(oder)?\b|encoder|tacho|zähl"
     ),
     "distance": r"odo|dist|^weg|wegstrecke|mileage",
     "balise": r"(balise|rfid|transponder|beacon|tag|epc)[\s_.-]?(id|nr|no|number|nummer|code)?\.?$",
-    "station": r"chain|kilom|station|^km\b|^[pm][kp]$|^miles?$|post|position_km",
+    "station": r"chain|kilom|station(?!ary|.?(id|name|code|no|nr))|^km\b|^[pm][kp]$|^miles?$|post|position_km",
     "latitude": r"^lat|latitude|breite",
     "longitude": r"^lon|^lng|longitude|länge|laenge",
     "height": r"^alt|altitude|height|höhe|hoehe|^h$|ellh",

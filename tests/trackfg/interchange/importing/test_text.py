@@ -217,6 +217,12 @@ def test_a_cell_that_is_no_place_is_named_with_its_row():
         ("hdop", None, None),  # no metres
         ("Geschwindigkeit", "speed", None),
         ("Impulse", "count", None),
+        ("wheel counts", "count", None),
+        ("num_satellites_count", None, None),
+        ("Frame_Counter", None, None),
+        ("Station [m]", "station", None),
+        ("ref_station_id", None, None),  # of a receiver's base
+        ("stationary", None, None),
         ("latitude", "latitude", None),
         ("Zeit", "time", None),
         ("comment", None, None),

@@ -35,8 +35,8 @@ _ACROSS = 0.1
 """A vehicle on a track moves across it by less than this share of its speed: a velocity with more is not along x."""
 _RECEIVER = re.compile(r"gps|gnss|navsat|ublox|novatel", re.IGNORECASE)
 """In the names of topics and frames of receivers, whose velocity is east and north."""
-_PROBED_NUMBERS = 1000
-"""A message with longer arrays, an image or a point cloud, is none of a sensor of motion."""
+_MOST_NUMBERS = 100
+"""A message with longer arrays, an image or a scan, is none of a sensor of motion; covariances have 36 numbers."""
 
 
 def _imu(message: Any) -> dict[str, float]:
@@ -141,7 +141,7 @@ def _has_numbers(reader: Any, connection: Any) -> bool:
     except (StopIteration, KeyError, ValueError):
         return False
     sizes = [len(value) for value in fields_of(message).values() if hasattr(value, "__len__")]
-    return max(sizes, default=0) <= _PROBED_NUMBERS and bool(numbers_of(message))
+    return max(sizes, default=0) <= _MOST_NUMBERS and bool(numbers_of(message))
 
 
 def _usable(table: SourceTable, of_receiver: bool) -> SourceTable:
