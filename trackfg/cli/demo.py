@@ -18,6 +18,7 @@ from trackfg.datasets.scenarios import simulate
 from trackfg.errors import BadInputError
 from trackfg.files.atomic_folder import replaced_folder
 from trackfg.files.libraries import library
+from trackfg.files.owned_folder import refuse_unwritable
 from trackfg.io.reader import read_recording
 from trackfg.plots.strip_chart import plot_geometry
 from trackfg.report import write_report
@@ -57,6 +58,7 @@ def run_demo(folder: str | os.PathLike[str], *, progress: Callable[[str, float],
     folder = Path(folder)
     for drawing in ("matplotlib", "plotly"):
         library(drawing, "charts")
+    refuse_unwritable(folder)
     _refuse_foreign_folder(folder)
     show = progress or (lambda stage, done: None)
     with replaced_folder(folder) as new:

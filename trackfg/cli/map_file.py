@@ -16,6 +16,7 @@ from pathlib import Path
 from trackfg.cli.stored_runs import runs_of_store, stored_run
 from trackfg.config import SmoothConfig
 from trackfg.errors import BadInputError, printable
+from trackfg.files.owned_folder import refuse_unwritable
 from trackfg.fleet.machine import processes
 from trackfg.fleet.store import is_store
 from trackfg.fleet.workers import mapped_here, mapped_on_cluster
@@ -67,6 +68,8 @@ def build_map_file(
     newest = newest_version(location)
     if newest is not None and name is not None and (stored_name := read_map(location).name) != name:
         raise BadInputError(f"{place.shown}: is the map {stored_name!r}; expected no other name, or another place")
+    if newest is None and place.path is not None:
+        refuse_unwritable(place.path)
     show = progress or (lambda what, done: None)
     stores = [str(given) for given in places if is_store(str(given))]
     if fleet.line is not None and not stores:

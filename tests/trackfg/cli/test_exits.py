@@ -104,6 +104,14 @@ def test_no_stream_is_begun_where_a_file_is(tmp_path: Path) -> None:
     assert (tmp_path / "file").read_text() == "mine"
 
 
+@pytest.mark.parametrize("command", ["demo -o file/demo", "map build nowhere -o file/line.gpkg"])
+def test_no_work_begins_for_a_place_under_a_file(command: str, tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("mine")
+    done = run(f"trackfg --quiet {command}", tmp_path)
+    assert (done.returncode, done.stderr.count("\n")) == (2, 1)
+    assert "is a file; expected a folder to write into" in done.stderr
+
+
 def test_folders_of_another_kind_are_named(tmp_path: Path) -> None:
     for name, head in (("run", "recording.toml"), ("out", "summary.json")):
         (tmp_path / name).mkdir()
