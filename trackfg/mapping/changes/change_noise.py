@@ -10,7 +10,9 @@ run's does.
 **Sigmas as seen.** The robust spread (1.4826 times the median magnitude) of the differences over their stated sigmas,
 for each band of speed, an octave wide, and over the whole run for bands too short to tell: it is trusted from 100 sign
 changes on, which know it to some 10 %. Where it is above 1 the sigmas are raised by it; those of cross-level and
-gradient are what it says. Of these a run too short to tell has the whole sigmas, offset and wander included.
+gradient are what it says. Of these a run too short to tell has the whole sigmas, offset and wander included. The map's
+gradient is a mean of runs with an offset each, which has a step where one of them begins or ends; the variance of such
+steps is added. (The offsets of cross-level are solved for, and make no steps.)
 
 **Threshold.** By Rice's formula a Gaussian process leaves ``+-u`` sigma as often as it crosses zero, times
 ``exp(-u^2 / 2)``: the number of sign changes per metre is the number of independent places per metre. The sigma of a
@@ -27,6 +29,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import pandas as pd
 
 from trackfg.mapping.changes.overlay import QUANTITIES, Overlay
 from trackfg.numerics.arrays import Array
@@ -35,6 +38,9 @@ from trackfg.numerics.robust import robust_sd
 WITHOUT_SLOW_PART = ("cross_level_mm", "gradient_permille")
 """What is compared without its slow difference, see :mod:`trackfg.mapping.changes.changes`."""
 
+_SLOW_M, _SMOOTHED_M = 150.0, 50.0
+"""Windows of the running median and mean that are the slow part of a difference, m: longer than any defect, shorter
+than the wander of a sensor. Chosen on simulated runs; see Assumptions in docs/engine.md."""
 _LEAST_CROSSINGS = 100
 """Sign changes from which a spread is trusted: as many independent values know it to some 10 %."""
 _FREEDOM, _FREEDOM_WITHOUT_SLOW_PART = 20.0, 10.0
@@ -80,6 +86,25 @@ def freedom_of(name: str) -> float:
     return _FREEDOM_WITHOUT_SLOW_PART if name in WITHOUT_SLOW_PART else _FREEDOM
 
 
+def slow_part(change: Array, step_m: float) -> Array:
+    """Return the slow part of a difference (n,); holes shorten the window.
+
+    Beyond its ends the difference is continued by its reflection in the end point, as a wander goes on: a window that
+    ends there would take the wander of the last 40 m for a change.
+    """
+    known = np.flatnonzero(np.isfinite(change))
+    if not known.size:
+        return change
+    windows = [2 * round(0.5 * length / step_m) + 1 for length in (_SLOW_M, _SMOOTHED_M)]
+    beyond = sum(windows) // 2
+    whole = pd.Series(np.pad(change[known[0] : known[-1] + 1], beyond, mode="reflect", reflect_type="odd"))
+    middle = whole.rolling(windows[0], center=True, min_periods=1).median()
+    smooth = middle.rolling(windows[1], center=True, min_periods=1).mean()
+    slow = np.full_like(change, np.nan)
+    slow[known[0] : known[-1] + 1] = smooth.to_numpy()[beyond:-beyond]
+    return slow
+
+
 def stated_sigmas(over: Overlay, chord_m: float) -> dict[str, Array]:
     """Return the sigmas of the local difference of each quantity by the tables, without the shift's. Shapes (n,)."""
     run, grid = {name: over.run_column(f"{name}_sd") for name in QUANTITIES}, over.grid
@@ -118,8 +143,22 @@ def change_noise(over: Overlay, name: str, change: Array, stated: Array, shift_s
             factors[rows] = max(of_band, least)
     length = over.step_m * np.isfinite(ratio).sum()
     crossings = max(_crossings(ratio), FEWEST_CROSSINGS_PER_M * length) / length if length else FEWEST_CROSSINGS_PER_M
-    freedom = freedom_of(name)
-    return ChangeNoise(factors * sigma, factor, float(crossings), freedom)
+    sigma = factors * sigma
+    if name == "gradient_permille":
+        sigma = np.sqrt(sigma**2 + _steps_of_mean(over.grid, name, over.step_m))
+    return ChangeNoise(sigma, factor, float(crossings), freedom_of(name))
+
+
+def _steps_of_mean(grid: pd.DataFrame, name: str, step_m: float) -> Array:
+    """Return the variance (n,) of the steps that a mean over runs makes where some of them begin or end.
+
+    Every run has an offset of its own. The mean of some of the runs differs from that of all by the difference of the
+    two variances: here from that of the runs thereabouts, to which the slow part belongs.
+    """
+    variance, observations = grid[f"{name}_sd"].to_numpy() ** 2, grid["observations"].to_numpy(float)
+    others = np.abs(observations - slow_part(observations, step_m)) > 0.5
+    steps = pd.Series(np.where(others, np.abs(variance - slow_part(variance, step_m)), 0.0))
+    return steps.rolling(2 * round(0.5 * _SMOOTHED_M / step_m) + 1, center=True, min_periods=1).max().to_numpy()
 
 
 def _spread(ratio: Array) -> float:

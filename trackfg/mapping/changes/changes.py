@@ -27,7 +27,7 @@ from typing import Literal
 import numpy as np
 import pandas as pd
 
-from trackfg.mapping.changes.change_noise import WITHOUT_SLOW_PART, ChangeNoise, change_noise, stated_sigmas
+from trackfg.mapping.changes.change_noise import WITHOUT_SLOW_PART, ChangeNoise, change_noise, slow_part, stated_sigmas
 from trackfg.mapping.changes.overlay import QUANTITIES, SUMMARY_M, Overlay, overlay
 from trackfg.mapping.changes.residual_shift import residual_shift
 from trackfg.numerics.arrays import Array
@@ -38,9 +38,6 @@ from trackfg.results.summary import GeometryConventions
 Kind = Literal["dip", "kick", "twist", "curvature"]
 CHANGE_COLUMNS = ("from_m", "to_m", "quantity", "change", "change_sd", "sigmas", "before", "after", "kind")
 
-_SLOW_M, _SMOOTHED_M = 150.0, 50.0
-"""Windows of the running median and mean that are the slow part of a difference, m: longer than any defect, shorter
-than the wander of a sensor. Chosen on simulated runs; see Assumptions in docs/engine.md."""
 _TOGETHER_M = 10.0
 """Changed cells this near, m, are one change: the base of versines and curvature."""
 _LONG_M = 30.0
@@ -109,7 +106,7 @@ def changes(
     for name in QUANTITIES:
         change = over.after_at(name, shift) - over.before(name)
         if name in WITHOUT_SLOW_PART:
-            change = change - _slow(change, over.step_m)
+            change = change - slow_part(change, over.step_m)
         noise = change_noise(over, name, change, stated[name], shift_sd)
         compared[name] = _Compared(change, noise, noise.sigmas_for(each), alike[name], floor_mm)
     cells = {"chainage_m": over.chainage, "observations": over.grid["observations"].to_numpy(), "shift_m": shift}
@@ -163,13 +160,6 @@ def _like_a_millimetre(conventions: GeometryConventions) -> dict[str, float]:
         "gradient_permille": 1.0 / conventions.gradient_base_m,
         "curvature_1pm": 8e-3 / conventions.curvature_base_m**2,
     }
-
-
-def _slow(change: Array, step_m: float) -> Array:
-    """Return the slow part of a difference (n,); ends and holes shorten the window."""
-    middle = pd.Series(change).rolling(2 * round(0.5 * _SLOW_M / step_m) + 1, center=True, min_periods=1).median()
-    smooth = middle.rolling(2 * round(0.5 * _SMOOTHED_M / step_m) + 1, center=True, min_periods=1).mean()
-    return smooth.to_numpy()
 
 
 def _table(over: Overlay, compared: dict[str, _Compared]) -> pd.DataFrame:

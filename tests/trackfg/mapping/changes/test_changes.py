@@ -131,6 +131,22 @@ def test_nothing_has_changed(grid: pd.DataFrame) -> None:
     assert alike["noise_factor"].between(1.0, 1.1).all()
 
 
+def test_a_wander_goes_on_to_the_ends(grid: pd.DataFrame) -> None:
+    run = seen(shape_of(0), 101)
+    run["gradient_permille"] += 0.5 * np.exp(-run["chainage_m"] / 100.0)
+    assert compared(run, grid).table.empty
+
+
+def test_fewer_runs_at_an_end_of_the_map_have_another_offset(grid: pd.DataFrame) -> None:
+    """Four runs, of which one goes on for 60 m more: the mean's gradient makes a step there."""
+    run, alone = seen(shape_of(0), 101), grid["chainage_m"] < 60.0
+    off = grid["gradient_permille"] + 0.5 * alone
+    sd = np.where(alone, 1.0, 0.5) * grid["gradient_permille_sd"]
+    of_four = grid.assign(gradient_permille=off, gradient_permille_sd=sd, observations=np.where(alone, 1, 4))
+    assert compared(run, of_four).table.empty
+    assert len(compared(run, of_four.assign(observations=4)).table) == 1
+
+
 @pytest.mark.parametrize(
     ("defect", "kind", "quantity"),
     [
