@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.special import chdtri
+from scipy.special import chdtrc
 
 from trackfg.numerics.arrays import Array
 
 
 def exceeds_chance(mean_square: Array | float, degrees: Array | float, probability: float) -> np.ndarray:
     """Return whether mean squares of variables of variance 1 are larger than by chance of that ``probability``."""
-    return np.asarray(mean_square > chdtri(degrees, probability) / degrees)
+    return np.asarray(chdtrc(degrees, mean_square * degrees) < probability)
 
 
 def independent_number(number: float, correlation: float) -> float:

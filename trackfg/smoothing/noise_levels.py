@@ -23,13 +23,14 @@ from dataclasses import replace
 
 import numpy as np
 from scipy.ndimage import uniform_filter1d
-from scipy.special import ndtr, ndtri
+from scipy.special import ndtr
 
 from trackfg.factors.factor_type import FactorType
 from trackfg.factors.family import Family, changed
 from trackfg.factors.imu import PreintegrationNoise
 from trackfg.graph.build import Problem
 from trackfg.numerics.arrays import Array
+from trackfg.numerics.chi_square import exceeds_chance
 from trackfg.recording.findings import Finding
 from trackfg.sensors.imu_noise import WhiteNoise
 from trackfg.smoothing.reassessment import Reassessment, SolvedRun
@@ -38,8 +39,11 @@ from trackfg.solver.variance_components import GROUPS, Residuals, group_residual
 _AGREEING = 10.0
 """Residuals that agree with what is assumed, as many as a group's prior is worth: n above."""
 
-_SIGNIFICANT = 3.0
-"""Sigmas of a variance with so many residuals, ``sqrt(2 / (n + sum r))``, by which a level has to exceed 1."""
+_BY_CHANCE = float(ndtr(-3.0))
+"""Probability of squares as large as those of a level above 1, were it 1: that of a normal value beyond 3 sigmas."""
+
+_NONE = 1e-3
+"""Redundancy of what the rest of the graph does not check, but for rounding."""
 
 _NEARBY = 15
 """Intervals that share a level, some 15 s in motion: a stretch of track, a braking."""
@@ -112,9 +116,9 @@ def _levels(squares: Array | float, redundancy: Array | float, tests: float = 1.
 
     Of so many independent ``tests`` the largest exceeds the limit as rarely as a single one (Bonferroni).
     """
-    worth = _AGREEING + np.maximum(redundancy, 0.0)
-    variance, sigmas = (_AGREEING + squares) / worth, -ndtri(ndtr(-_SIGNIFICANT) / tests)
-    significant = variance > np.maximum(1.0 + sigmas * np.sqrt(2.0 / worth), _RAISED**2)
+    degrees = np.maximum(redundancy, _NONE)
+    variance = (_AGREEING + squares) / (_AGREEING + degrees)
+    significant = exceeds_chance(squares / degrees, degrees, _BY_CHANCE / tests) & (variance > _RAISED**2)
     return np.asarray(np.where(significant, np.sqrt(variance), 1.0))
 
 
