@@ -220,8 +220,8 @@ times, user and system: wall times scatter with what else the machine does.
 {markdown(stages(p))}
 
 Stages by the CPU time that `trackfg.smooth` takes for them, in a process of its own. The work of every stage is linear
-in the length of the run, and so is its memory, but for the file `covariance.parquet`, whose size grows with the square
-of the number of places 250 m apart: one product of matrices, some 10 GFlop for 24 h.
+in the length of the run, and so is its memory, that of the covariance of places included: of more than 500 places it is
+kept by blocks, each tied to the next one.
 
 The graph is a chain: the factors of a keyframe touch it, its neighbour and a few scalars shared by the run. Eliminated
 from one end to the other, it never fills in: each keyframe costs one QR of the same small size, on its rows at once (by
