@@ -1,4 +1,4 @@
-"""What all tests share: numpy and the compiled kernels in turn, and commands that Ctrl-C ends."""
+"""What all tests share: numpy and the compiled kernels in turn, commands that Ctrl-C ends, no time limits."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from collections.abc import Callable
 from typing import Any
 
 import pytest
+from hypothesis import HealthCheck, settings
 
 from trackfg.numerics.kernels import compiled_kernels
 
@@ -14,6 +15,10 @@ from trackfg.numerics.kernels import compiled_kernels
 # interrupt a command would wait for ever.
 if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
+
+# How long an example takes says nothing on a machine that has other work.
+settings.register_profile("any machine", deadline=None, suppress_health_check=[HealthCheck.too_slow])
+settings.load_profile("any machine")
 
 
 @pytest.fixture(params=["numpy", "compiled"])

@@ -27,7 +27,14 @@ from typing import Literal, TypeVar
 import numpy as np
 
 from trackfg.numerics.arrays import Array
-from trackfg.numerics.km_notation import KmNotation, metres_of, post_and_metres, resolution_m, written_places
+from trackfg.numerics.km_notation import (
+    KmNotation,
+    metres_of,
+    milepost_and_metres,
+    post_and_metres,
+    resolution_m,
+    written_places,
+)
 
 _SAME_PLACE_M = 1e-6
 """Official places that differ by less are one, m: rounding of double precision at 1e6 m is 1e-10, that of text 1e-7."""
@@ -165,7 +172,7 @@ class Kilometrage:
         if part is not None and not 1 <= part <= self.parts:
             raise ValueError(f"{text!r}: there is no part {part}: expected 1 to {self.parts}")
         within = 0.5 * resolution_m(place) * (1.0 + 1e-9)
-        candidates = self._of_long_kilometre(place, within) if part is None else ()
+        candidates = self._from_a_post(place, within) if part is None else ()
         candidates = candidates or self.chainages(official, part, within_m=within)
         if len(candidates) == 1:
             return candidates[0]
@@ -214,13 +221,18 @@ class Kilometrage:
         if part in (None, self.parts) and (x := last.chainage_of(official_m)) > self.end_m:
             yield x
 
-    def _of_long_kilometre(self, place: str, within_m: float) -> tuple[float, ...]:
-        """Return the chainage of ``12+1003.5`` where metres count from posts."""
-        split = post_and_metres(place)
-        if split is None or split[1] < 1000.0 - within_m:
+    def _from_a_post(self, place: str, within_m: float) -> tuple[float, ...]:
+        """Return the chainage of ``12+1003.5``, or of ``12 mi 5300 ft``, where lengths count from that very post."""
+        if (split := post_and_metres(place)) is not None:
+            if split[1] < 1000.0 - within_m:
+                return ()
+            official = 1000.0 * split[0] + split[1]
+            counted = [i for i, stretch in enumerate(self.stretches) if stretch.post_km == split[0]]
+        elif (mile := milepost_and_metres(place)) is not None:
+            official = mile[0] + mile[1]
+            counted = [i for i, s in enumerate(self.stretches) if abs(s.official_m - mile[0]) < _SAME_PLACE_M]
+        else:
             return ()
-        official = 1000.0 * split[0] + split[1]
-        counted = (i for i, stretch in enumerate(self.stretches) if stretch.post_km == split[0])
         at = ((self.stretches[i].chainage_of(official), self._from[i], self._to[i]) for i in counted)
         return tuple(min(max(x, low), high) for x, low, high in at if low - within_m <= x <= high + within_m)
 

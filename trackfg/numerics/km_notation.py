@@ -43,8 +43,7 @@ def metres_of(text: str, bare: Bare = "m") -> float | None:
         return float(match["m"]) * METRES_PER["m" if match["unit"] else bare]
     if match := _MILES.match(cell):
         whole = float(match["mi"] or match["a"] or match["b"])
-        rest = sum(METRES_FROM_POST[unit] * float(match[unit] or 0.0) for unit in ("ch", "yd", "ft"))
-        return METRES_PER["mi"] * whole + rest
+        return METRES_PER["mi"] * whole + _from_post(match)
     return None
 
 
@@ -60,10 +59,25 @@ def post_and_metres(text: str) -> tuple[int, float] | None:
     return None if match is None or match["sign"] or "." in match["km"] else (int(match["km"]), float(match["m"]))
 
 
+def milepost_and_metres(text: str) -> tuple[float, float] | None:
+    """Return the place of the milepost and the length from it, m, of ``12 mi 345 ft``; None for other notations."""
+    match = _MILES.match(_plain(text))
+    if match is None or match["mi"] is None or "." in match["mi"]:
+        return None
+    return METRES_PER["mi"] * float(match["mi"]), _from_post(match)
+
+
+def _from_post(match: re.Match[str]) -> float:
+    return sum(METRES_FROM_POST[unit] * float(match[unit] or 0.0) for unit in ("ch", "yd", "ft"))
+
+
 def resolution_m(text: str) -> float:
     """Return what the last digit of a written place stands for, m; a bare number is in kilometres."""
     cell = _plain(text)
     decimals = len(match[1]) if (match := re.search(r"\.(\d+)\D*$", cell)) else 0
+    if (mile := _MILES.match(cell)) and mile["mi"]:
+        unit = next(unit for unit in ("ch", "yd", "ft") if mile[unit])
+        return float(10.0**-decimals) * METRES_FROM_POST[unit]
     in_metres = _PLUS.match(cell) or ((bare := _M.match(cell)) and bare["unit"])
     return float(10.0**-decimals) * (1.0 if in_metres else 1000.0)
 

@@ -138,3 +138,25 @@ def test_stretches_must_be_in_order():
         Kilometrage(())
     with pytest.raises(ValueError, match="ascends or descends"):
         Stretch(0.0, 0.0, 0.0, 0.0)
+
+
+@pytest.mark.parametrize("notation", ["equations", "posts"])
+def test_feet_count_from_the_milepost_that_is_named(notation):
+    mile, foot = 1609.344, 0.3048
+    # Mile 12 has 5310 ft, mile 13 has 4990.
+    posts = [KmPost(0.0, 12 * mile), KmPost(5310 * foot, 13 * mile), KmPost(10_300 * foot, 14 * mile)]
+    stretches = tuple(Stretch(post.chainage_m, post.chainage_m, post.official_m) for post in posts)
+    line = Kilometrage(stretches if notation == "equations" else between_posts(posts))
+
+    feet = {
+        "12 mi 100 ft": 100,
+        "12 mi 5305 ft": 5305,
+        "13 mi 5 ft": 5315,
+        "13 mi 4980 ft": 10_290,
+        "14 mi 5 ft": 10_305,
+    }
+    for place, along in feet.items():
+        assert line.read(place) == pytest.approx(along * foot, abs=1e-6)
+    assert line.read("13 mi 10 yd") == pytest.approx(5340 * foot)
+    with pytest.raises(ValueError, match="gap"):
+        line.read("13 mi 5100 ft")

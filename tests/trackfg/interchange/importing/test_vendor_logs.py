@@ -16,9 +16,11 @@ from trackfg.interchange.importing.mapping import mapping_of
 from trackfg.interchange.importing.proposal import propose, unused_columns
 from trackfg.interchange.importing.registry import source_format
 from trackfg.interchange.importing.source_table import SourceTable
+from trackfg.interchange.importing.stations import read_stations
 from trackfg.interchange.importing.text_dialect import is_remark
 from trackfg.interchange.importing.text_table import read_text
 from trackfg.numerics.units import STANDARD_GRAVITY
+from trackfg.recording.line_kilometrage import LineKilometrage
 from trackfg.recording.model import Recording
 
 Import = Callable[..., Imported]
@@ -351,3 +353,14 @@ def test_the_name_of_a_column_of_places_is_its_unit(
     back = _recording(imported(tmp_path))
 
     np.testing.assert_allclose(back.fixes["chainage_m"], unit_m * np.array([12.25, 12.5]), rtol=1e-12)
+
+
+def test_mileposts_count_by_the_kilometrage_of_the_mapping() -> None:
+    foot = 0.3048
+    equations = [{"chainage_m": 0.0, "km": "12 mi"}, {"chainage_m": 5310 * foot, "km": "13 mi"}]
+    line = LineKilometrage.model_validate({"equation": equations}).kilometrage()
+    table = SourceTable("posts.csv", pd.DataFrame({"MP": [12, 12, 13], "FEET": [100.0, 5300.0, 5.0]}))
+
+    chainage = read_stations(table, ("MP", "FEET"), "mi", line)
+
+    np.testing.assert_allclose(chainage, foot * np.array([100, 5300, 5315]), atol=1e-6)
