@@ -31,7 +31,7 @@ typical to worst of one kind of sensor is a factor of 10."""
 SET_SD_M = 1e-4
 """Sigma of a place that is 0 by convention, m."""
 
-_SET_OFFSET_SD_MPS = 1e-6
+SET_OFFSET_SD_MPS = 1e-6
 """Sigma of a speed signal's offset where nothing makes one, m/s: 1 mm in a quarter of an hour."""
 
 _SET_SD_RAD = 1e-4
@@ -65,7 +65,7 @@ def priors(inputs: GraphInputs, states: States) -> list[Family]:
         inputs.world.unknown_rate_sd,
     )
     imu_sd = (imu_grade(inputs.path, noise) * declared)[None]
-    offset_sd = _SET_OFFSET_SD_MPS if inputs.wheel is None else max(inputs.wheel.offset_sd_mps, _SET_OFFSET_SD_MPS)
+    offset_sd = SET_OFFSET_SD_MPS if inputs.wheel is None else max(inputs.wheel.offset_sd_mps, SET_OFFSET_SD_MPS)
     wheel_sd = np.array([[tach_clock.rail_offset_sd_m] * 2 + [tach_clock.creep_per_traction_sd] * 2 + [offset_sd]])
     mount_sd = np.array([[np.radians(config.motion.mount_sd_deg)] * 2 + list(inputs.lever_arm_sd)])
     start = replace(states.nav[:1], p=states.nav.p[:1] - states.nav.R[0] @ inputs.lever_arm)

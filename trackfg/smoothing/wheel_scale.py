@@ -6,16 +6,21 @@ scale that walks, ``S(k+1) - S(k)`` of sigma ``q sqrt(distance)``, the inertial 
 changes, and the sigma of a distance between two positions is that of a scale that may have changed on the way.
 
 How fast it walks the data decide, by their likelihood with the states integrated out
-(:mod:`trackfg.solver.scale_evidence`). A scale that may walk everywhere makes every distance unsure, though creep
-begins and ends at a few places. So where a run has been solved with one, spans in which a constant scale is clearly
-likelier are sought by halving, and the scale walks in the others alone: also where the data do not tell, so that
-sigmas allow for either.
+(:mod:`trackfg.solver.scale_evidence`). Noise that is not known yet, and a speed signal that is off by a constant (as
+one that is cut off to whole km/h and was interpolated then), are explained by a walk as well. So a run that has been
+solved with one is judged anew with the noise that was found, and an offset of a speed signal is a variable before a
+walk is.
+
+A scale that may walk everywhere makes every distance unsure, though creep begins and ends at a few places. So where it
+still walks then, spans in which a constant scale is clearly likelier are sought by halving, and the scale walks in the
+others alone: also where the data do not tell, so that sigmas allow for either.
 
 Fixes that were withheld while the scale was a constant, and are off by no more than a wheel creeps, are used again.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -25,6 +30,7 @@ from trackfg.factors.family import Family, changed, family_of
 from trackfg.factors.odometry import MOST_CREEP, followed_fix
 from trackfg.factors.states import States
 from trackfg.graph.build import Problem
+from trackfg.graph.priors import SET_OFFSET_SD_MPS
 from trackfg.numerics.arrays import Array
 from trackfg.recording.findings import Finding
 from trackfg.smoothing.reassessment import Reassessment, SolvedRun
@@ -40,6 +46,16 @@ _SHORTEST_S = 10.0
 """Spans are not halved below this, s: within such a time a wheel begins to creep, or ceases to (adhesion changes over
 one to a few hundred metres)."""
 
+_OFFSET = 4
+"""The entry of ``WHEEL`` by which a speed signal is off while the vehicle moves."""
+
+_OFFSET_SD_MPS = 0.14
+"""Sigma of that where it is free, m/s: half a step of a speed in whole km/h that is cut off."""
+
+_PARTS = 64
+"""Nor below so small a part of the run: each likelihood takes as long as the run's keyframes are many, so that this
+bounds the time to some 100 of them."""
+
 _WIDER = (3.0, 10.0)
 """By how much more a scale is let walk that walks in a few spans: a change by 2 % in 10 s at 20 m/s is 1.4e-3 per root
 of a metre, five times the widest walk that is tried on the whole run."""
@@ -49,9 +65,10 @@ _NAMED = 1e-3
 
 
 def wheel_scale(run: SolvedRun) -> Reassessment:
-    """Reassess how much the wheel's scale walks, and of a run that was solved with one that does, where.
+    """Reassess how much the wheel's scale walks; of a run that was solved with one that does, whether it still
+    does with the noise that was found, and where.
 
-    Each is done once, since a wider walk contradicts nothing any more.
+    Where it walks is judged once, since a wider walk contradicts nothing any more.
     """
     problem = run.problem
     chain = problem.family(FactorType.DISTANCE_CHAIN)
@@ -61,29 +78,62 @@ def wheel_scale(run: SolvedRun) -> Reassessment:
     walks = chain.sigma[:, 1] != declared.sigma[:, 1]
     if walks.any() and not walks.all():
         return Reassessment(problem, _findings(run))
-    states = run.solution.states
-    evidence = ScaleEvidence.of(problem.inertial, problem.families, states)
-    if walks.all():
-        parted = _walking_where_it_changes(evidence, chain, declared, problem.t)
-        if (parted.sigma == chain.sigma).all():
-            return Reassessment(problem, _findings(run))
-        families = changed(problem.families, FactorType.DISTANCE_CHAIN, lambda _: parted)
-        return Reassessment(replace(problem, families=families), _findings(run), changed=True)
-    per_sqrt_m = run.config.tach.scale_walk_per_sqrt_m
-    constant = evidence.log_likelihood(chain)
-    best, most = per_sqrt_m, constant
-    for walk in (walk for walk in _WALKS if walk > per_sqrt_m):
-        likelihood = evidence.log_likelihood(_walking(chain, walk / per_sqrt_m))
-        if likelihood > constant + CLEARLY:
-            best = walk  # one wider than the likeliest, too: a jump is less likely by a walk than it happens
+    states, per_sqrt_m = run.solution.states, run.config.tach.scale_walk_per_sqrt_m
+    constant = replace(chain, sigma=declared.sigma)
+    is_free = problem.wheel.integrates_speed and problem.wheel.offset_sd_mps == 0.0  # rows show no steps
+    families = _with_offset(problem.families, SET_OFFSET_SD_MPS) if is_free else tuple(problem.families)
+    evidence = ScaleEvidence.of(problem.inertial, families, states)
+    walk = _likeliest_walk(evidence, constant, per_sqrt_m)
+    if walk > per_sqrt_m and is_free:
+        with_offset = _with_offset(families, _OFFSET_SD_MPS)
+        beside = ScaleEvidence.of(problem.inertial, with_offset, states)
+        occam = np.log(_OFFSET_SD_MPS / SET_OFFSET_SD_MPS)
+        if beside.log_likelihood(constant) - occam > evidence.log_likelihood(constant) + CLEARLY:
+            families, evidence = with_offset, beside
+            walk = _likeliest_walk(evidence, constant, per_sqrt_m)
+    judged = _walking(constant, walk / per_sqrt_m)
+    if walks.all() and walk > per_sqrt_m:
+        judged = _walking_where_it_changes(evidence, chain, declared, problem.t)
+    if (judged.sigma == chain.sigma).all() and _offset_sd(families) == _offset_sd(problem.families):
+        return Reassessment(problem, _findings(run))
+    problem = replace(problem, families=changed(families, FactorType.DISTANCE_CHAIN, lambda _: judged))
+    if not walks.all():
+        problem = _with_fixes_again(problem, states)
+    return Reassessment(problem, _findings(run), changed=True, far=not walks.all())
+
+
+def _with_offset(families: Sequence[Family], sd_mps: float) -> tuple[Family, ...]:
+    """Return the families with this sigma of the offset of a speed signal, m/s."""
+
+    def with_sd(prior: Family) -> Family:
+        sigma = prior.sigma.copy()
+        sigma[0, _OFFSET] = sd_mps
+        return replace(prior, sigma=sigma)
+
+    return changed(families, FactorType.PRIOR_WHEEL, with_sd)
+
+
+def _offset_sd(families: Sequence[Family]) -> float:
+    prior = family_of(families, FactorType.PRIOR_WHEEL)
+    return 0.0 if prior is None else float(prior.sigma[0, _OFFSET])
+
+
+def _likeliest_walk(evidence: ScaleEvidence, constant: Family, declared: float) -> float:
+    """Return how fast the scale of a chain walks, 1/sqrt(m): as ``declared`` where no other walk is clearly likelier.
+
+    It is one wider than the likeliest where that is clearly likelier, too: a jump is less likely by a walk than it
+    happens.
+    """
+    none = most = evidence.log_likelihood(constant)
+    best = declared
+    for walk in (walk for walk in _WALKS if walk > declared):
+        likelihood = evidence.log_likelihood(_walking(constant, walk / declared))
+        if likelihood > none + CLEARLY:
+            best = walk
         if likelihood <= most:
             break
         most = likelihood
-    if best == per_sqrt_m:
-        return Reassessment(problem)
-    families = changed(problem.families, FactorType.DISTANCE_CHAIN, lambda one: _walking(one, best / per_sqrt_m))
-    problem = _with_fixes_again(replace(problem, families=families), states)
-    return Reassessment(problem, changed=True, far=True)
+    return best
 
 
 def _walking(chain: Family, factor: float) -> Family:
@@ -97,6 +147,7 @@ def _walking_where_it_changes(evidence: ScaleEvidence, chain: Family, declared: 
     ``t`` (n,): times of the keyframes, s.
     """
     begins = t[chain.slots[0].index]
+    shortest = max(_SHORTEST_S, (t[-1] - t[0]) / _PARTS)
     most = evidence.log_likelihood(chain)
     spans = [(0, len(begins))]
     while spans:
@@ -107,7 +158,7 @@ def _walking_where_it_changes(evidence: ScaleEvidence, chain: Family, declared: 
         likelihood = evidence.log_likelihood(trial)
         if likelihood > most + CLEARLY:
             chain, most = trial, likelihood
-        elif begins[end - 1] - begins[begin] > 2.0 * _SHORTEST_S:
+        elif begins[end - 1] - begins[begin] > 2.0 * shortest:
             half = int(np.searchsorted(begins, 0.5 * (begins[begin] + begins[end - 1])))
             spans += [(half, end), (begin, half)]
     walks = chain.sigma[:, 1] != declared.sigma[:, 1]
@@ -129,18 +180,33 @@ def _with_fixes_again(problem: Problem, states: States) -> Problem:
 
 
 def _findings(run: SolvedRun) -> tuple[Finding, ...]:
-    """Return what the scale does, of a run in which it walks."""
-    problem, scale = run.problem, run.solution.states.odo.scale
+    """Return what the scale does, of a run in which it walks, and what a speed signal is off by that was let be off."""
+    return (*_offset(run), *_change(run))
+
+
+def _offset(run: SolvedRun) -> Iterator[Finding]:
+    if _offset_sd(run.problem.families) == _offset_sd(run.declared.families):
+        return
+    off = float(run.solution.states.wheel[0, _OFFSET])
+    message = f"the speed signal is {abs(off):.2f} m/s too {'low' if off < 0.0 else 'high'} while the vehicle moves"
+    hint = "speeds that are cut off are half a step too low; correct it in the table"
+    yield Finding("warning", "speed-offset", message, hint=hint)
+
+
+def _change(run: SolvedRun) -> Iterator[Finding]:
+    chain, declared = (problem.family(FactorType.DISTANCE_CHAIN) for problem in (run.problem, run.declared))
+    scale = run.solution.states.odo.scale
     change = float(np.ptp(scale))
-    if change < _NAMED:
-        return ()
+    if chain is None or declared is None or (chain.sigma == declared.sigma).all() or change < _NAMED:
+        return
     # Where it changes most within a kilometre's tenth: half of that on either side.
     way = np.abs(np.diff(run.solution.states.odo.distance, prepend=run.solution.states.odo.distance[0])).cumsum()
     after, before = (np.interp(way + half, way, scale) for half in (50.0, -50.0))
-    at = float(problem.t[int(np.argmax(np.abs(after - before)))])
+    at = float(run.problem.t[int(np.argmax(np.abs(after - before)))])
     message = (
         f"the wheel's scale changes by {100.0 * change:.2g} % in the run, most about {at:.0f} s: creep, another wheel, "
         "or a new calibration"
     )
-    hint = "sigmas allow for it; fixes closer together narrow them"
-    return (Finding("warning", "wheel-scale-varies", message, hint=hint),)
+    yield Finding(
+        "warning", "wheel-scale-varies", message, hint="sigmas allow for it; fixes closer together narrow them"
+    )

@@ -176,6 +176,8 @@ def wide_priors(run: SolvedRun) -> Reassessment:
             if kind is Kind.MOUNT:
                 findings += _mounting_notes(run, far)
             wanted = np.where(np.abs(judged.sigmas) < _NEAR_SIGMAS, first.sigma, current.sigma)
+            by_convention = [c for c, one in columns.items() if known[c] < one.least_sd]
+            wanted[0, by_convention] = current.sigma[0, by_convention]  # if freed, by other reassessors
             wanted[0, far] = np.abs(judged.alone[far])
             if kind is Kind.IMU:
                 widest = _widest_calibration(run.declared, first)

@@ -51,10 +51,10 @@ class ScaleEvidence:
         return cls(rows, states)
 
     def log_likelihood(self, chain: Family) -> float:
-        """Return the log likelihood with this chain of distances, but for what does not depend on it."""
+        """Return the log likelihood with this chain of distances, without the sigmas of the other rows."""
         linear = chain.linearize(self.states)
         root = eliminate([*self.rows, linear], len(self.states))
-        at_solution = 0.5 * float(np.sum(linear.b**2))
+        at_solution = 0.5 * sum(float(np.sum(part.b**2)) for part in (*self.rows, linear))
         return 0.5 * root.length**2 - at_solution - float(np.log(chain.sigma).sum()) - _log_determinant(root)
 
 

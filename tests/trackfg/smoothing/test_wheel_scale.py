@@ -12,6 +12,8 @@ import pytest
 from trackfg.config import SmoothConfig
 from trackfg.datasets.scenarios import Simulation
 from trackfg.factors.factor_type import FactorType
+from trackfg.factors.family import changed
+from trackfg.recording.description import Tach
 from trackfg.recording.model import Recording
 from trackfg.smoothing.smoother import SmoothedStates, smooth_states
 from trackfg.smoothing.wheel_scale import wheel_scale
@@ -71,6 +73,39 @@ def test_wider_walks_are_tried_while_they_are_likelier(
     assert after is not None
     np.testing.assert_allclose(after.sigma[:, 1], wider * before.sigma[:, 1])
     assert next(seen, None) is None
+
+
+def test_a_walk_that_is_not_likelier_any_more_is_taken_back(constant: SmoothedStates) -> None:
+    """Noise that was not known yet may have looked like a scale that walks: a solution with one is judged anew."""
+    problem = constant.problem
+    families = changed(
+        problem.families, FactorType.DISTANCE_CHAIN, lambda chain: replace(chain, sigma=chain.sigma * [1.0, 100.0])
+    )
+    judged = wheel_scale(replace(constant, problem=replace(problem, families=families)))
+    assert judged.changed
+    assert not judged.findings
+    chain, declared = (one.family(FactorType.DISTANCE_CHAIN) for one in (judged.problem, constant.declared))
+    assert chain is not None
+    assert declared is not None
+    np.testing.assert_array_equal(chain.sigma, declared.sigma)
+
+
+def test_a_speed_signal_that_is_off_by_a_constant_is_no_scale_that_walks(run: Simulation) -> None:
+    """A speed that is shown 0.14 m/s too low is a scale of its own at each speed: 2 % at 7 m/s, 0.5 % at 28 m/s."""
+    t = np.arange(0.0, run.truth["t_s"].iloc[-1], 0.1)
+    speed = np.interp(t, run.truth["t_s"], run.truth["speed_mps"])
+    shown = np.where(speed > 0.5, speed - 0.14, 0.0) + 0.02 * np.random.default_rng(1).standard_normal(len(t))
+    rolled = np.concatenate([[0.0], np.cumsum(0.05 * (shown[1:] + shown[:-1]))])
+    tach = run.recording.description.tach
+    assert tach is not None
+    signal = Tach(file=tach.file, column="speed_mps", kind="speed", unit="m/s", signed=tach.signed)
+    description = run.recording.description.model_copy(update={"tach": signal})
+    recording = replace(run.recording, description=description, tach=pd.DataFrame({"t_s": t, "distance_m": rolled}))
+    fixes = with_fixes(run, [40.0, 60.0, 80.0, 100.0, 120.0, 140.0])
+    smoothed = smooth_states(replace(recording, fixes=fixes), SmoothConfig())
+    assert walk(smoothed) == 1.0
+    assert "speed-offset" in {finding.code for finding in smoothed.findings}
+    assert smoothed.solution.states.wheel[0, 4] == pytest.approx(-0.14, abs=0.04)
 
 
 def test_another_wheel_is_noticed_and_allowed_for(run: Simulation) -> None:
