@@ -29,6 +29,9 @@ of the others, each by itself.
 Residuals of GNSS are large as well where it is the inertial sensors that are worse than assumed. So GNSS is not judged
 while another group of residuals is further beyond its sigmas.
 
+A solution by wider sigmas follows more, so that C belongs to a larger S than that of the solution in which it was seen.
+Where it has grown since, S and C are computed in turns here instead of by many solutions.
+
 Sigmas become level x sqrt(C) of the declared ones; whether a position is an outlier is still judged by the level alone.
 
 If the receiver was wrong, residuals stay as they were once its positions have lost weight, since all else goes on
@@ -57,8 +60,9 @@ _AROUND_S = 10.0
 _AROUND_POSITIONS = 5.0
 """The same in positions, where these are sparse."""
 
-_DECLARED_WEIGHT = 20.0
-"""Residuals that the declared sigmas are worth: 10 positions, horizontally, that say otherwise outweigh them."""
+_DECLARED_WEIGHT = 4.0
+"""Residuals that the declared sigmas are worth: n of them tell a sigma to 1 / sqrt(2 n), and a receiver's is known to
+35 %, a factor of 2 being two sigmas."""
 _RUN_WEIGHT = 10.0
 """Residuals that the median level of the run is worth against those around a position."""
 
@@ -71,6 +75,11 @@ _MOST_FOLLOWED = 0.9
 
 _ROUNDS = 5
 """Levels and the bounds of residuals that go with them are computed in turns, so often: the bounds matter little."""
+
+_FOLLOWS = 1.5
+"""The variance of a solution grows as this power of the sigmas of its positions: as the square where dead reckoning
+holds its shape, in proportion where its place walks at random, between them where its speed does (steady states of
+Kalman filters)."""
 
 _LEVELS = (0.5, 100.0)
 """Levels are kept within these: residuals say little about sigmas that are far too wide."""
@@ -147,7 +156,8 @@ def gnss_errors(run: SolvedRun) -> Reassessment:
     if problem.gnss_level is not None and have_grown(in_sigmas, problem.gnss_level):
         return Reassessment(problem, (_HELD_OTHERS,))
     variance = np.diagonal(followed, axis1=1, axis2=2) / declared.sigma**2
-    seen = errors_seen(t, in_sigmas, variance, weighted=problem.gnss_level is not None)
+    used = family.sigma / declared.sigma
+    seen = errors_seen(t, in_sigmas, variance, weighted=problem.gnss_level is not None, used=used)
     least = 1.0 if run.config.position.gnss_correlation_s else 0.0
     sigma = declared.sigma * np.maximum(seen.factor, least)
     changed = bool(np.sqrt(np.mean(np.log(sigma / family.sigma) ** 2)) > _SETTLED)
@@ -164,16 +174,28 @@ def have_grown(residual: Array, level: Array) -> bool:
     return bool(np.mean(residual**2) > _GROWN**2 * np.mean(level**2))
 
 
-def errors_seen(t: Array, residual: Array, followed: Array, *, weighted: bool = True) -> GnssErrors:
+def errors_seen(
+    t: Array, residual: Array, followed: Array, *, weighted: bool = True, used: Array | None = None
+) -> GnssErrors:
     """Return level and correlation at times t (m,), s, from residuals (m, 3) in declared sigmas and from the variance S
     of the predicted positions (m, 3), likewise.
 
     ``weighted``: large errors had less weight already. Where they had not, they bent the path, all residuals seem to
-    last, and levels are taken to change.
+    last, and levels are taken to change. ``used`` (m, 3): the factors on the declared sigmas of that solution.
     """
-    changing = _errors(t, residual, followed, 1.0)
     if not weighted:
-        return changing
+        return _errors(t, residual, followed, 1.0)
+    seen = _likelier(t, residual, followed)
+    if used is not None:
+        for _ in range(_ROUNDS - 1):
+            growth = max(1.0, float(np.median(seen.factor / used)))
+            seen = _likelier(t, residual, followed * growth**_FOLLOWS)
+    return seen
+
+
+def _likelier(t: Array, residual: Array, followed: Array) -> GnssErrors:
+    """Return levels that change, or one level with errors that last, whichever is likelier."""
+    changing = _errors(t, residual, followed, 1.0)
     lasting = _errors(t, residual, followed, float(changing.correlation[~_far(changing.level)][0]))
     gain = _likelihood(t, residual, changing.level) - _likelihood(t, residual, lasting.level)
     return changing if gain > len(_GROUPS) * (t[-1] - t[0]) / (2.0 * _around_s(t)) else lasting

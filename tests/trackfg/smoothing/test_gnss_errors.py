@@ -127,3 +127,19 @@ def test_street_canyons_hardly_move_a_run() -> None:
     for name in ("east_m", "north_m", "chainage_m", "speed_mps", "pitch_rad"):
         assert off(result, oracle, name) < 1.5
     assert any(finding.code == "gnss-level" for finding in result.summary.findings)
+
+
+@pytest.mark.parametrize("declared", [0.5, 1.0])
+def test_a_receiver_that_is_wrong_for_minutes_does_not_tell_a_place_better_than_its_mean(declared: float) -> None:
+    """Errors that last for a minute tell a constant place to sqrt(2 x 60 / 360) sigmas; solved in turns."""
+    t, found = np.arange(360.0), []
+    for seed in range(12):
+        error = lasting(360, 60.0, 1.0, np.random.default_rng(seed))
+        used = np.ones((360, 3))
+        for turn in range(4):
+            variance = declared**2 / (1.0 / used**2).sum(axis=0)
+            place = variance * (error / (declared * used) ** 2).sum(axis=0)
+            followed = np.broadcast_to(variance / declared**2, error.shape)
+            used = errors_seen(t, (error - place) / declared, followed, weighted=turn > 0, used=used).factor
+        found.append(declared**2 / (1.0 / used**2).sum(axis=0))
+    assert np.sqrt(np.mean(found)) > 0.7 * np.sqrt(120.0 / 360.0)
