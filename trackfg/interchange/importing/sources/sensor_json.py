@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import json
+import math
 import re
 import zipfile
 import zlib
+from array import array
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import IO
 
+import numpy as np
 import pandas as pd
 
 from trackfg.errors import BadInputError, first_line
@@ -36,17 +39,47 @@ def is_sensor_json(path: Path) -> bool:
 
 def read_sensor_json(path: Path, wanted: Sequence[str]) -> dict[str, SourceTable]:
     """Return the tables of the wanted sensors by name. Raises :class:`BadInputError` with the reason."""
-    rows: dict[str, list[dict[str, str]]] = {name: [] for name in wanted}
+    sensors = {name: _Sensor() for name in wanted}
+
+    def take(entry: dict[str, str]) -> None:
+        """Keep the numbers of an entry alone: as objects all entries are six times as large as their file."""
+        if (sensor := sensors.get(entry.get("sensor", ""))) is not None:
+            sensor.take(entry)
+
     try:
         with _opened(path) as stream:
-            for entry in json.load(stream):
-                if entry["sensor"] in rows:
-                    rows[entry["sensor"]].append(entry)
-        return {name: _table(name, entries) for name, entries in rows.items() if entries}
-    except (*_UNREADABLE, KeyError, TypeError, RecursionError) as error:
+            json.load(stream, object_hook=take)
+    except (*_UNREADABLE, KeyError, TypeError, OverflowError, RecursionError) as error:
         raise BadInputError(
             f"{path.name}: cannot be read ({first_line(error)}); expected the JSON of Sensor Logger"
         ) from error
+    return {name: sensor.table(name) for name, sensor in sensors.items() if sensor.names}
+
+
+class _Sensor:
+    """The entries of a sensor: their times, ns since 1970, and the other values by the first entry's names."""
+
+    def __init__(self) -> None:
+        self.names: tuple[str, ...] = ()
+        self._times, self._values = array("q"), array("d")
+
+    def take(self, entry: dict[str, str]) -> None:
+        """Take up an entry; what is no number in it is NaN."""
+        self.names = self.names or tuple(name for name in entry if name not in ("sensor", "time"))
+        self._times.append(int(entry["time"]))
+        self._values.extend(_number(entry.get(name)) for name in self.names)
+
+    def table(self, name: str) -> SourceTable:
+        """Return the entries as a table."""
+        values = np.frombuffer(self._values).reshape(-1, len(self.names))
+        return SourceTable(name, pd.DataFrame(values, columns=list(self.names)).assign(time=np.array(self._times)))
+
+
+def _number(text: str | None) -> float:
+    try:
+        return float(text or "nan")
+    except (TypeError, ValueError):
+        return math.nan
 
 
 @contextmanager
@@ -62,8 +95,3 @@ def _opened(path: Path) -> Iterator[IO[bytes]]:
             raise ValueError(f"{len(names)} JSON files; expected one")
         with archive.open(names[0]) as member:
             yield member
-
-
-def _table(name: str, entries: list[dict[str, str]]) -> SourceTable:
-    frame = pd.DataFrame(entries).drop(columns="sensor")
-    return SourceTable(name, frame.apply(pd.to_numeric, errors="coerce"))
