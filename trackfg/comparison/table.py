@@ -15,21 +15,20 @@ positions.parquet    the same runs over time: ``case, estimator, t_s, speed_mps`
 
 from __future__ import annotations
 
-import io
 import os
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
 import pandas as pd
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, FiniteFloat, ValidationError
 
 from trackfg.errors import BadInputError
 from trackfg.evaluation.scores import STATISTICS, margin
 from trackfg.files.atomic_folder import replaced_folder
 from trackfg.files.owned_folder import FolderKind
-from trackfg.files.parquet import write_parquet
+from trackfg.files.parquet import read_frame, write_parquet
 from trackfg.numerics.key_figures import KeyFigures
 from trackfg.results.soundness import refuse_empty, refuse_other_than_numbers
 from trackfg.results.summary import versions
@@ -105,6 +104,14 @@ class _ComparisonModel(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
 
+def _scored(quantity: str) -> str:
+    if quantity not in QUANTITIES:
+        raise ValueError(f"expected one of {', '.join(QUANTITIES)}")
+    return quantity
+
+
+ScoredQuantity = Annotated[str, AfterValidator(_scored)]
+"""A key of :data:`QUANTITIES`."""
 Basis = Literal["truth", "repeatability", "withheld", "smoother"]
 """What estimates are held against: the truth, the first run, measurements that were withheld from them, or, where no
 score is meant, the smoother's.
@@ -118,8 +125,8 @@ class ComparedCase(_ComparisonModel):
     summary: str = ""
     basis: Basis = "truth"
     seeds: tuple[int, ...] = (0,)
-    duration_s: float
-    distance_km: float
+    duration_s: FiniteFloat
+    distance_km: FiniteFloat
 
 
 class LeftOut(_ComparisonModel):
@@ -141,7 +148,7 @@ class Row(_ComparisonModel):
 
     case: str
     task: Task
-    quantity: str
+    quantity: ScoredQuantity
     statistic: Literal["rms", "sd"]
     from_kmh: float | None
     estimator: str
@@ -167,7 +174,7 @@ class Difference(_ComparisonModel):
 
     case: str
     estimator: str
-    quantity: str
+    quantity: ScoredQuantity
     from_km: float
     rms: float
 
@@ -179,7 +186,7 @@ class About(_ComparisonModel):
 
     format: Literal["trackfg-comparison/1"] = "trackfg-comparison/1"
     versions: dict[str, str] = Field(default_factory=lambda: versions())
-    seconds: float
+    seconds: FiniteFloat
     cases: tuple[ComparedCase, ...]
     estimators: dict[str, str]
     left_out: tuple[LeftOut, ...]
@@ -224,7 +231,7 @@ class Comparison(KeyFigures):
         content = COMPARISON_FOLDER.read(Path(folder))
         try:
             about = About.model_validate_json(content[_HEAD])
-            tables = {name: pd.read_parquet(io.BytesIO(content[name])) for name in (_SCORES, _GEOMETRY, _POSITIONS)}
+            tables = {name: read_frame(content[name]) for name in (_SCORES, _GEOMETRY, _POSITIONS)}
             refuse_other_than_numbers(_SCORES, tables[_SCORES], SCORE_COLUMNS, _TEXT)
             _refuse_other_than_curves(_GEOMETRY, tables[_GEOMETRY], "chainage_m")
             _refuse_other_than_curves(_POSITIONS, tables[_POSITIONS], "t_s")

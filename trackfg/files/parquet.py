@@ -32,3 +32,9 @@ def read_parquet(place: str | os.PathLike[str] | pa.NativeFile) -> pa.Table:
     With threads of Arrow's datasets about, a process may abort at its end, after its work is done (Arrow 26).
     """
     return pq.ParquetFile(place).read(use_threads=False)
+
+
+def read_frame(content: bytes) -> pd.DataFrame:
+    """Return the table that the content of a Parquet file has, read as by :func:`read_parquet`."""
+    table: pd.DataFrame = read_parquet(pa.BufferReader(content)).to_pandas(use_threads=False)
+    return table

@@ -34,7 +34,7 @@ import pyarrow as pa
 from trackfg.errors import BadInputError, TrackfgError
 from trackfg.files.atomic_folder import replaced_folder
 from trackfg.files.owned_folder import FolderKind
-from trackfg.files.parquet import write_parquet
+from trackfg.files.parquet import read_frame, write_parquet
 from trackfg.numerics.key_figures import KeyFigures
 from trackfg.results.balise_passages import BalisePassages
 from trackfg.results.columns import (
@@ -193,8 +193,8 @@ class Result(KeyFigures):
         content = RESULT_FOLDER.read(folder)
         try:
             result = cls(
-                trajectory=pd.read_parquet(io.BytesIO(content[_TRAJECTORY])),
-                geometry=pd.read_parquet(io.BytesIO(content[_GEOMETRY])),
+                trajectory=read_frame(content[_TRAJECTORY]),
+                geometry=read_frame(content[_GEOMETRY]),
                 events=pd.read_csv(
                     io.BytesIO(content[_EVENTS]),
                     dtype={name: "str" if name in _EVENT_TEXT else "float64" for name in EVENT_COLUMNS},
@@ -202,7 +202,7 @@ class Result(KeyFigures):
                     na_values={name: [""] for name in EVENT_COLUMNS if name not in _EVENT_TEXT},
                 ),
                 summary=Summary.model_validate_json(content[_SUMMARY]),
-                covariance=PlaceCovariance.from_frame(pd.read_parquet(io.BytesIO(content[_COVARIANCE]))),
+                covariance=PlaceCovariance.from_frame(read_frame(content[_COVARIANCE])),
                 **_of_balises(content),
             )
             result.refuse_unsound()
@@ -215,7 +215,7 @@ def read_geometry(folder: Path) -> tuple[pd.DataFrame, Summary]:
     """Return geometry and summary of a result, without what else is in it. Raises :class:`BadInputError`."""
     content = RESULT_FOLDER.read(folder, GEOMETRY_FILES)
     try:
-        geometry = pd.read_parquet(io.BytesIO(content[_GEOMETRY]))
+        geometry = read_frame(content[_GEOMETRY])
         summary = Summary.model_validate_json(content[_SUMMARY])
         _refuse_other_columns(geometry, _geometry_columns(geometry))
         _refuse_unsound_geometry(geometry, summary)
@@ -249,5 +249,5 @@ def _of_balises(content: Mapping[str, bytes]) -> dict[str, Any]:
     if not content.keys() >= set(OPTIONAL_FILES):
         return {}
     table = pd.read_csv(io.BytesIO(content[_BALISES]), dtype=_TYPES, keep_default_na=False, na_values=_NO_NUMBER)
-    passages = BalisePassages.from_frame(pd.read_parquet(io.BytesIO(content[_PASSAGES])))
+    passages = BalisePassages.from_frame(read_frame(content[_PASSAGES]))
     return {"balises": table, "passages": passages}

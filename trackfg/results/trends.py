@@ -27,7 +27,7 @@ import pyarrow.parquet as pq
 from trackfg.errors import BadInputError
 from trackfg.files.atomic_folder import replaced_folder
 from trackfg.files.owned_folder import FolderKind
-from trackfg.files.parquet import write_parquet
+from trackfg.files.parquet import read_frame, write_parquet
 from trackfg.files.small_file import json_of
 from trackfg.numerics.key_figures import Outlined
 from trackfg.results.soundness import refuse_empty, refuse_other_than_numbers
@@ -117,9 +117,7 @@ class Trends(Outlined):
             head = json_of(content[_HEAD])
             small = {name: _table_of(content[f"{name}.csv"]) for name in _FOR_PEOPLE}
             places = small["trends"]["at_m"].to_numpy(dtype=np.float64)
-            large = {
-                name: pd.read_parquet(io.BytesIO(content[f"{name}.parquet"])) for name in _LARGE if name != "values"
-            }
+            large = {name: read_frame(content[f"{name}.parquet"]) for name in _LARGE if name != "values"}
             values = _rows_at(content["values.parquet"], places)
             trends = cls(**small, **large, values=values, per=head.get("per", "month"), left_out=head["left_out"])
             trends.refuse_unsound()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
 from pathlib import Path
 
@@ -79,6 +80,11 @@ def test_other_folders_are_left_alone(comparison: Comparison, tmp_path: Path) ->
     with pytest.raises(BadInputError, match=r"comparison\.json is missing; expected a trackfg comparison"):
         Comparison.read(tmp_path)
     folder = comparison.write(tmp_path / "out")
+    about = json.loads((folder / "comparison.json").read_text())
+    about["rows"][0]["quantity"] = "1"
+    (folder / "comparison.json").write_text(json.dumps(about))
+    with pytest.raises(BadInputError, match="expected one of cross_level_mm, "):
+        Comparison.read(folder)
     (folder / "comparison.json").write_text('{"format": "trackfg-comparison/1"}')
     with pytest.raises(BadInputError, match="not a readable trackfg comparison"):
         Comparison.read(folder)

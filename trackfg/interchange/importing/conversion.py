@@ -24,7 +24,7 @@ from trackfg.files.atomic_folder import replaced_folder
 from trackfg.files.owned_folder import refuse_used
 from trackfg.interchange.importing.balise_places import COLUMNS, planned_places
 from trackfg.interchange.importing.foreign_units import recorded_unit
-from trackfg.interchange.importing.mapping import BALISES, MappedSensor, Mapping
+from trackfg.interchange.importing.mapping import BALISES, MappedSensor, Mapping, fits
 from trackfg.interchange.importing.source_table import SourceTable
 from trackfg.interchange.importing.stations import read_stations
 from trackfg.interchange.importing.times import (
@@ -128,7 +128,7 @@ def table_named(tables: Sequence[SourceTable], pattern: str, section: str) -> So
     names = [table.name for table in tables]
     if pattern in names:
         return tables[names.index(pattern)]
-    found = [table for table in tables if Path(table.name).match(pattern)]
+    found = [table for table in tables if fits(table.name, pattern)]
     if len(found) == 1:
         return found[0]
     if found:
@@ -158,7 +158,7 @@ def _part(sensor: MappedSensor, tables: Sequence[SourceTable], kilometrage: Kilo
         keep &= _is_news(times.since(times.first_ns), np.stack(measured, axis=1))
     if sensor.kind != "imu" and not keep.all():
         times, columns = _rows(times, keep), {name: values[keep] for name, values in columns.items()}
-    if len(next(iter(columns.values()))) == 0:
+    if not any(len(values) for values in columns.values()):
         raise BadInputError(f"{table.name}: the columns of [{sensor.section}] are empty; expected values")
     columns, keys = _in_known_units(sensor, times, columns, keys)
     return _Part(sensor, times, columns, keys)
@@ -305,7 +305,7 @@ def _in_known_units(
         columns[keys["position"][2]] = columns[keys["position"][2]] * factor
     for key, unit_key in _UNIT_KEYS.get(sensor.kind, {}).items():
         unit = keys.get(unit_key)
-        if unit is None:
+        if not isinstance(unit, str):  # the description refuses anything else
             continue
         if sensor.kind == "imu" and unit in _INCREMENTS:
             keys[unit_key] = _INCREMENTS[unit]

@@ -59,6 +59,11 @@ _CONSUMED = tuple(key for key in _Reading.model_fields if key != "file")
 """Keys that the recording's description does not get: its tables have seconds in a column ``t``, and metres."""
 
 
+def fits(file: str, pattern: str) -> bool:
+    """Return whether the name of a file fits a pattern; none fits an empty one."""
+    return Path(pattern) != Path() and Path(file).match(pattern)
+
+
 @dataclass(frozen=True)
 class MappedSensor:
     """One sensor of a mapping: ``section`` is its place (``"imu"``, ``"laser[2]"``), ``keys`` what the description
@@ -104,7 +109,7 @@ class Mapping:
 
     def dialect(self, file: str) -> DialectOptions | None:
         """Return what is stated of a text file's dialect: the first entry that matches."""
-        return next((options for options in self.text if Path(file).match(options.files)), None)
+        return next((options for options in self.text if fits(file, options.files)), None)
 
 
 def read_mapping(path: Path) -> Mapping:

@@ -22,11 +22,10 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pyarrow as pa
-import pyarrow.parquet as pq
 
 from trackfg.errors import BadInputError, OutputError, first_line
 from trackfg.files.atomic_file import UNFINISHED, write_whole
-from trackfg.files.parquet import write_parquet
+from trackfg.files.parquet import read_parquet, write_parquet
 from trackfg.streaming.sinks.sink import TABLES, columns_of
 
 ROWS_PER_PART = 6000
@@ -236,7 +235,7 @@ def _go_back(table: _Table, part: int, rows: int) -> None:
 
 def _read(path: Path) -> pa.Table:
     try:
-        return pq.read_table(io.BytesIO(path.read_bytes()))
+        return read_parquet(pa.BufferReader(path.read_bytes()))
     except (pa.ArrowException, OSError, ValueError) as error:
         raise BadInputError(f"{path}: cannot be read ({first_line(error)})") from error
 

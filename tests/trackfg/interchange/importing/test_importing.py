@@ -179,6 +179,9 @@ def test_one_wide_table_serves_sensors_of_different_rates(tmp_path):
         ({"imu": {"file": "imu.csv", **IMU, "time": "gx"}}, "m.toml"),
         ({"imu": 5}, "expected a table"),
         ({"imu": {"file": "imu.csv", **IMU}, "start": "yesterday"}, "start"),
+        ({"imu": {"file": "", **IMU}}, "'': no such table"),
+        ({"imu": {"file": "imu.csv", **IMU, "gyro_unit": {"x": "rad/s"}}}, "gyro_unit"),
+        ({"imu": {"file": "imu.csv", **IMU}, "tach": {"file": "imu.csv", "time": "t", "column": []}}, "are empty"),
     ],
 )
 def test_a_mapping_that_does_not_fit_is_refused_by_name(tmp_path, sections, message):
