@@ -81,10 +81,13 @@ def test_other_folders_are_left_alone(comparison: Comparison, tmp_path: Path) ->
         Comparison.read(tmp_path)
     folder = comparison.write(tmp_path / "out")
     about = json.loads((folder / "comparison.json").read_text())
-    about["rows"][0]["quantity"] = "1"
-    (folder / "comparison.json").write_text(json.dumps(about))
-    with pytest.raises(BadInputError, match="expected one of cross_level_mm, "):
-        Comparison.read(folder)
+    for damaged, message in (
+        ({"rows": [{**about["rows"][0], "quantity": "1"}]}, "expected one of cross_level_mm, "),
+        ({"seconds": float("nan")}, "a finite number"),
+    ):
+        (folder / "comparison.json").write_text(json.dumps({**about, **damaged}))
+        with pytest.raises(BadInputError, match=message):
+            Comparison.read(folder)
     (folder / "comparison.json").write_text('{"format": "trackfg-comparison/1"}')
     with pytest.raises(BadInputError, match="not a readable trackfg comparison"):
         Comparison.read(folder)
