@@ -20,7 +20,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from trackfg.checks.diagnosis_clock import estimate_clock_offset
+from trackfg.checks.diagnosis_clock import ClockOffset, estimate_clock_offset
 from trackfg.factors.factor_type import FactorType
 from trackfg.factors.family import Family, changed
 from trackfg.factors.states import Kind, vectors
@@ -116,15 +116,23 @@ def with_offsets(problem: Problem, offsets: Offsets) -> Problem:
     return replace(problem, families=families)
 
 
-def with_gnss_in_time(recording: Recording) -> Recording:
-    """Return the recording with the stamps of GNSS on the IMU's clock, and a finding where that moved them."""
+def with_gnss_in_time(recording: Recording, tach_clock_sd_s: float) -> Recording:
+    """Return the recording with the stamps of GNSS on the IMU's clock, and a finding where that moved them.
+
+    The path has the tach's speed, and a tach that is late makes positions early: what is not known of its clock, which
+    is ``tach_clock_sd_s`` where accelerations do not tell, is not known of the receiver's either.
+    """
     if recording.gnss is None:
         return recording
-    offset = gnss_clock(_with_tach_set(recording))
-    if offset is None or abs(offset.offset_s) < max(_LEAST_S, _SIGMAS * offset.sd_s):
+    tach_clock = estimate_clock_offset(recording)
+    offset = gnss_clock(_with_tach_set(recording, tach_clock))
+    if offset is None:
+        return recording
+    sd_s = float(np.hypot(offset.sd_s, tach_clock_sd_s if tach_clock is None else tach_clock.sd_s))
+    if abs(offset.offset_s) < max(_LEAST_S, _SIGMAS * sd_s):
         return recording
     gnss = recording.gnss.assign(t_s=recording.gnss["t_s"] + offset.offset_s)
-    return replace(recording, gnss=gnss, findings=(*recording.findings, _set("gnss", offset.offset_s, offset.sd_s)))
+    return replace(recording, gnss=gnss, findings=(*recording.findings, _set("gnss", offset.offset_s, sd_s)))
 
 
 def _clocks(recording: Recording) -> list[_Clock]:
@@ -147,9 +155,8 @@ def _moved(recording: Recording, offsets: Offsets) -> Recording:
     return replace(recording, tach=tables.get("tach"), gnss=tables.get("gnss"), others=others)
 
 
-def _with_tach_set(recording: Recording) -> Recording:
+def _with_tach_set(recording: Recording, offset: ClockOffset | None) -> Recording:
     """Return the recording with its tach on the IMU's clock, as far as accelerations tell."""
-    offset = estimate_clock_offset(recording)
     if recording.tach is None or offset is None or abs(offset.offset_s) < _TACH_SIGMAS * offset.sd_s:
         return recording
     return replace(recording, tach=recording.tach.assign(t_s=recording.tach["t_s"] + offset.offset_s))

@@ -164,7 +164,7 @@ def smooth(
     if sound.imu.empty:
         raise too_short(sound, 0.0)
     measured, correction = corrected_tach(without_imu_clock_jumps(sound))
-    measured = with_gnss_in_time(measured)
+    measured = with_gnss_in_time(measured, config.tach.clock_offset_sd_s)
     anchored = with_balise_fixes(measured)
     smoothed = smooth_states(
         anchored, config, feature_map=feature_map, known_line=known_line, limits=limits, progress=progress
