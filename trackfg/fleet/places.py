@@ -186,6 +186,8 @@ def local_recording(place: str) -> Iterator[Path]:
     Raises :class:`PlaceError` for what cannot be read, and for an archive without exactly one recording.
     """
     if not is_remote(place):
+        if not Path(place).exists():
+            raise PlaceError(f"{place}: no such folder; expected a folder with {FILE_NAME}")
         yield Path(place)
         return
     with temporary_folder() as scratch:

@@ -198,6 +198,16 @@ def test_runs_at_fault_become_rows_and_the_others_are_done(fleet: Fleet, stand_i
     assert fleet.why()["broken-1"] == "failed before: imu.csv: column 't', row 5: not a number"
 
 
+def test_recordings_that_are_not_there_take_no_process(fleet: Fleet, stand_in: StandIn) -> None:
+    fleet.write(*(f"recordings/absent-{row},7,,{row}" for row in range(50)))
+    outcomes = fleet.run()
+    assert stand_in.calls() == []
+    assert len(outcomes) == len(fleet.rows()) == 50
+    assert all(
+        "no such folder; expected a folder with recording.toml" in str(each.reason) for each in outcomes.values()
+    )
+
+
 def test_a_stale_result_stays_where_computing_it_again_fails(fleet: Fleet, stand_in: StandIn) -> None:
     stand_in.recording("a")
     fleet.write("recordings/a,7,,a")
