@@ -80,10 +80,10 @@ def estimates_of(recording: Recording) -> Estimates:
     """Estimate everything; spans in which the tach is silent while the vehicle moves count as holes of the tach."""
     t, tach = recording.imu["t_s"].to_numpy(), recording.tach
     silent = () if tach is None else silent_spans(recording.imu, tach)
-    heard = replace(recording, tach=tach if tach is None or not silent else without_silence(tach, silent))
-    axes = estimate_axes(heard.imu, heard.tach, recording.description.imu.axes)
-    standstills = find_standstills(heard, min_duration_s=3.0)
-    offset = estimate_clock_offset(heard)
+    usable = replace(recording, tach=tach if tach is None or not silent else without_silence(tach, silent))
+    axes = estimate_axes(usable.imu, usable.tach, recording.description.imu.axes)
+    standstills = find_standstills(usable, min_duration_s=3.0)
+    offset = estimate_clock_offset(usable)
     fixes, gnss = recording.fixes, recording.gnss
     return Estimates(
         duration_s=float(t[-1] - t[0]),
@@ -97,9 +97,9 @@ def estimates_of(recording: Recording) -> Estimates:
         clock_offset=offset,
         static_bias=static_bias(recording, standstills),
         noise_density=noise_density(recording, standstills),
-        wheel_scale_fixes=None if heard.tach is None or fixes is None else scale_from_fixes(heard.tach, fixes),
-        wheel_scale_gnss=None if heard.tach is None or gnss is None else scale_from_gnss(heard.tach, gnss),
-        force=fit_force(heard, axes, offset),
-        positions=fit_positions(heard, None if heard.tach is None else on_imu_clock(heard.tach, offset)),
+        wheel_scale_fixes=None if usable.tach is None or fixes is None else scale_from_fixes(usable.tach, fixes),
+        wheel_scale_gnss=None if usable.tach is None or gnss is None else scale_from_gnss(usable.tach, gnss),
+        force=fit_force(usable, axes, offset),
+        positions=fit_positions(usable, None if usable.tach is None else on_imu_clock(usable.tach, offset)),
         silent_spans=silent,
     )
