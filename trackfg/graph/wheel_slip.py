@@ -10,7 +10,7 @@ wheel rolls.
 
 1. A Kalman filter goes through time and passes over each rolled distance, and each rest, that it does not find
    credible; another one goes back. Neither follows the wheel into a slip, however long and violent, since both know the
-   speed before it; each may pass over too much after one. Credible is what either of them believes.
+   speed before it; each may pass over too much after one. A reading is credible where either filter keeps it.
 2. From there, least squares and the probability of rolling by :mod:`trackfg.factors.switching` in turns.
 
 A wheel scale that is off by some per cent is in b as well, which changes when the acceleration does. Where a wheel

@@ -83,7 +83,7 @@ class Located:
 class UnlocatedRun:
     """A run as solved without the map.
 
-    ``geometry`` is its own table, from ``passes``; ``anchored``: fixes told where it was; ``on_springs``: the table is
+    ``geometry`` is its own table, from ``passes``; ``anchored``: fixes gave its chainage; ``on_springs``: the table is
     of the body's motion. ``wheel_scale_sd`` is the relative uncertainty of its distances.
     """
 

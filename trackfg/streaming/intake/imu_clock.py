@@ -50,7 +50,7 @@ _BESIDE = 0.75
 
 @dataclass(frozen=True)
 class ClockLimits:
-    """What is waited for and believed, s.
+    """How long is waited, and how large a jump is accepted, s.
 
     ``hold_s``: how late a row of any table may be against the newest of the IMU; ``back_s``: how much further behind a
     row of the IMU is merely late; ``ahead_s``: a longer gap must prove itself; ``settle_s``: by so long a succession;
@@ -71,8 +71,8 @@ class ClockLimits:
 class ImuClock:
     """Places the IMU's rows on the clock of the stream.
 
-    ``quarantined``: rows that are further ahead or behind than the clock believes, in the order of arrival; ``rivals``:
-    later rows that do not follow these. ``doubted_at_s``: the newest time when the first was quarantined. ``recent``
+    ``quarantined``: rows whose times are too far ahead or behind, in the order of arrival; ``rivals``: later rows that
+    do not follow these. ``doubted_at_s``: the newest time when the first was quarantined. ``recent``
     (h, 2): times and checksums of the newest rows. ``newest_s``: on the stream's clock, minus infinity before the first
     rows have proved themselves. ``shift_s``: what is added to the sensor's time; ``set_s``: the sensor's time, as it
     was before, when that changed last.
@@ -137,7 +137,7 @@ class ImuClock:
         sound, behind = self._within_reach(rows, passed_s)
         if behind[0]:
             behind[0] = self._is_beside(rows[:1])
-        return _how_many_lead(sound & ~behind)  # those behind are looked at when all before them have been heard
+        return _how_many_lead(sound & ~behind)  # those behind are judged once all before them are placed
 
     def _within_reach(self, rows: Array, passed_s: float) -> tuple[np.ndarray, np.ndarray]:
         """Return which rows are neither too late nor too far ahead, and which are behind the newest one before them."""
