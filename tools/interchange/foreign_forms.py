@@ -328,7 +328,7 @@ WRITERS: dict[str, Callable[..., Path]] = {
     "mcap": write_mcap,
     "mcap, JSON": write_mcap_json,
     "rcm-dx": write_rcm_dx,
-    "rcm-dx with prefixes": write_prefixed_rcm_dx,
+    "rcm-dx, prefixed": write_prefixed_rcm_dx,
     "hdf5": write_onboard_eu,
     "mdf": write_mdf,
     "tdms": write_tdms,
@@ -337,6 +337,4 @@ WRITERS: dict[str, Callable[..., Path]] = {
 
 def format_key(name: str) -> str:
     """Return the importer's name of a form in :data:`WRITERS`."""
-    if name == "mcap":
-        return "ros"
-    return "rcm-dx" if name == "rcm-dx with prefixes" else name.partition(",")[0]
+    return "ros" if name == "mcap" else name.partition(",")[0]
