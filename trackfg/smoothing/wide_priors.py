@@ -166,9 +166,9 @@ def wide_priors(run: SolvedRun) -> Reassessment:
         now = [family for family in problem.families if family.type is FactorType[f"PRIOR_{kind.name}"]]
         for first, current in zip(declared, now, strict=True):
             judged = _judged(run, kind, first, current)
-            columns = {scalar.column: scalar for scalar in scalars}
             known = first.sigma[0]
-            far = [c for c, one in columns.items() if abs(judged.sigmas[c]) > one.limit and known[c] >= one.least_sd]
+            columns = {scalar.column: scalar for scalar in scalars if known[scalar.column] >= scalar.least_sd}
+            far = [c for c, scalar in columns.items() if abs(judged.sigmas[c]) > scalar.limit]
             if kind is Kind.IMU and far and (without_noise := _of_motion(run, problem)) is not None:
                 any_changed, problem = True, without_noise
                 continue
@@ -176,8 +176,6 @@ def wide_priors(run: SolvedRun) -> Reassessment:
             if kind is Kind.MOUNT:
                 findings += _mounting_notes(run, far)
             wanted = np.where(np.abs(judged.sigmas) < _NEAR_SIGMAS, first.sigma, current.sigma)
-            by_convention = [c for c, one in columns.items() if known[c] < one.least_sd]
-            wanted[0, by_convention] = current.sigma[0, by_convention]  # if freed, by other reassessors
             wanted[0, far] = np.abs(judged.alone[far])
             if kind is Kind.IMU:
                 widest = _widest_calibration(run.declared, first)
@@ -185,7 +183,8 @@ def wide_priors(run: SolvedRun) -> Reassessment:
                 wanted = np.minimum(wanted, widest)
                 beyond = np.abs(judged.alone[far]) / np.hypot(widest[far], judged.spread[far])
                 doubts += [_unexplained(float(beyond.max()))] if (beyond > 1.0).any() else []
-            left = np.setdiff1d(np.arange(wanted.shape[1]), list(columns))  # to other reassessors
+            # Conventions, and what has no text, are left to other reassessors.
+            left = np.setdiff1d(np.arange(wanted.shape[1]), list(columns))
             wanted[0, left] = current.sigma[0, left]
             if np.abs(np.log(wanted / current.sigma)).max() > np.log(_WIDENED):
                 any_changed, problem = True, _with_sigma(problem, current, wanted)
