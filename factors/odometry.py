@@ -25,6 +25,9 @@ MOST_CREEP = 0.02
 forces in simulations of traction vehicles running on adhesion limit", Wear 258, 2005).
 """
 
+SPEED_OFFSET = 4
+"""The entry of ``WHEEL`` by which a speed signal is off while the vehicle moves, m/s."""
+
 ANY_DISTANCE_SD_M = 1e4
 """Sigma of the distance of an interval in which the wheel says nothing, m: any distance."""
 

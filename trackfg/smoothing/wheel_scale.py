@@ -27,7 +27,7 @@ import numpy as np
 
 from trackfg.factors.factor_type import FactorType
 from trackfg.factors.family import Family, changed, family_of
-from trackfg.factors.odometry import MOST_CREEP, followed_fix
+from trackfg.factors.odometry import MOST_CREEP, SPEED_OFFSET, followed_fix
 from trackfg.factors.states import States
 from trackfg.graph.build import Problem
 from trackfg.graph.priors import SET_OFFSET_SD_MPS
@@ -45,9 +45,6 @@ where the one before is more likely than those before it: the likelihood has one
 _SHORTEST_S = 10.0
 """Spans are not halved below this, s: within such a time a wheel begins to creep, or ceases to (adhesion changes over
 one to a few hundred metres)."""
-
-_OFFSET = 4
-"""The entry of ``WHEEL`` by which a speed signal is off while the vehicle moves."""
 
 _OFFSET_SD_MPS = 0.14
 """Sigma of that where it is free, m/s: half a step of a speed in whole km/h that is cut off."""
@@ -107,7 +104,7 @@ def _with_offset(families: Sequence[Family], sd_mps: float) -> tuple[Family, ...
 
     def with_sd(prior: Family) -> Family:
         sigma = prior.sigma.copy()
-        sigma[0, _OFFSET] = sd_mps
+        sigma[0, SPEED_OFFSET] = sd_mps
         return replace(prior, sigma=sigma)
 
     return changed(families, FactorType.PRIOR_WHEEL, with_sd)
@@ -115,7 +112,7 @@ def _with_offset(families: Sequence[Family], sd_mps: float) -> tuple[Family, ...
 
 def _offset_sd(families: Sequence[Family]) -> float:
     prior = family_of(families, FactorType.PRIOR_WHEEL)
-    return 0.0 if prior is None else float(prior.sigma[0, _OFFSET])
+    return 0.0 if prior is None else float(prior.sigma[0, SPEED_OFFSET])
 
 
 def _likeliest_walk(evidence: ScaleEvidence, constant: Family, declared: float) -> float:
@@ -187,7 +184,7 @@ def _findings(run: SolvedRun) -> tuple[Finding, ...]:
 def _offset(run: SolvedRun) -> Iterator[Finding]:
     if _offset_sd(run.problem.families) == _offset_sd(run.declared.families):
         return
-    off = float(run.solution.states.wheel[0, _OFFSET])
+    off = float(run.solution.states.wheel[0, SPEED_OFFSET])
     message = f"the speed signal is {abs(off):.2f} m/s too {'low' if off < 0.0 else 'high'} while the vehicle moves"
     hint = "speeds that are cut off are half a step too low; correct it in the table"
     yield Finding("warning", "speed-offset", message, hint=hint)

@@ -23,6 +23,7 @@ from trackfg.factors.bias import EARTH
 from trackfg.factors.factor_type import FactorType
 from trackfg.factors.family import Family, changed
 from trackfg.factors.motion import mount_matrix
+from trackfg.factors.odometry import SPEED_OFFSET
 from trackfg.factors.states import Kind, Odo
 from trackfg.graph.build import Problem
 from trackfg.graph.inertial import response_of_motion
@@ -134,7 +135,7 @@ def _wheel() -> Iterator[_Scalar]:
     for column, force in ((2, "traction"), (3, "braking")):
         hint = "give tach.creep_per_traction_sd as much"
         yield _Scalar(column, f"the wheel creeps by {{}} % per g in {force}", hint, 100.0)
-    yield _Scalar(4, "the speed signal has an offset of {} m/s", "correct it in the table")
+    yield _Scalar(SPEED_OFFSET, "the speed signal has an offset of {} m/s", "correct it in the table")
 
 
 _FURTHER = (
