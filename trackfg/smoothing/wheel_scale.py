@@ -80,14 +80,16 @@ def wheel_scale(run: SolvedRun) -> Reassessment:
     is_free = problem.wheel.integrates_speed and problem.wheel.offset_sd_mps == 0.0  # rows show no steps
     families = _with_offset(problem.families, SET_OFFSET_SD_MPS) if is_free else tuple(problem.families)
     evidence = ScaleEvidence.of(problem.inertial, families, states)
-    walk = _likeliest_walk(evidence, constant, per_sqrt_m)
+    without_walk = evidence.log_likelihood(constant)
+    walk = _likeliest_walk(evidence, constant, per_sqrt_m, without_walk)
     if walk > per_sqrt_m and is_free:
         with_offset = _with_offset(families, _OFFSET_SD_MPS)
         beside = ScaleEvidence.of(problem.inertial, with_offset, states)
         occam = np.log(_OFFSET_SD_MPS / SET_OFFSET_SD_MPS)
-        if beside.log_likelihood(constant) - occam > evidence.log_likelihood(constant) + CLEARLY:
+        by_offset = beside.log_likelihood(constant)
+        if by_offset - occam > without_walk + CLEARLY:
             families, evidence = with_offset, beside
-            walk = _likeliest_walk(evidence, constant, per_sqrt_m)
+            walk = _likeliest_walk(evidence, constant, per_sqrt_m, by_offset)
     judged = _walking(constant, walk / per_sqrt_m)
     if walks.all() and walk > per_sqrt_m:
         judged = _walking_where_it_changes(evidence, chain, declared, problem.t)
@@ -115,17 +117,17 @@ def _offset_sd(families: Sequence[Family]) -> float:
     return 0.0 if prior is None else float(prior.sigma[0, SPEED_OFFSET])
 
 
-def _likeliest_walk(evidence: ScaleEvidence, constant: Family, declared: float) -> float:
+def _likeliest_walk(evidence: ScaleEvidence, constant: Family, declared: float, without_walk: float) -> float:
     """Return how fast the scale of a chain walks, 1/sqrt(m): as ``declared`` where no other walk is clearly likelier.
 
+    ``without_walk``: the log likelihood of the chain ``constant``, which has the declared walk.
     It is one wider than the likeliest where that is clearly likelier, too: a jump is less likely by a walk than it
     happens.
     """
-    none = most = evidence.log_likelihood(constant)
-    best = declared
+    best, most = declared, without_walk
     for walk in (walk for walk in _WALKS if walk > declared):
         likelihood = evidence.log_likelihood(_walking(constant, walk / declared))
-        if likelihood > none + CLEARLY:
+        if likelihood > without_walk + CLEARLY:
             best = walk
         if likelihood <= most:
             break
