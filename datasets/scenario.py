@@ -95,7 +95,7 @@ class Scenario(KeyFigures):
     effects: tuple[Effect, ...] = ()
 
     def key_figures(self) -> dict[str, str]:
-        """Return the summary, and how long a run lasts unless it is said."""
+        """Return the name, the summary, and the duration of a run for which none is given."""
         return {"scenario": self.name, "summary": self.summary, "length": f"{self.duration_s:.0f} s"}
 
     @property

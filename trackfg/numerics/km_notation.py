@@ -25,7 +25,7 @@ _MILES = re.compile(
 METRES_PER = {"m": 1.0, "ft": 0.3048, "km": 1000.0, "mi": 1609.344}
 """Units of a place that is a bare number."""
 LENGTHS = ("m", "ft")
-"""Those in which it is a length along the track, and no official place."""
+"""Units in which a bare number is a length along the track, and no official place."""
 METRES_FROM_POST = {"m": 1.0, "ft": 0.3048, "yd": 0.9144, "ch": 20.1168}
 """Units of the length from a kilometre post or a milepost; a mile has 5280 ft, 1760 yd or 80 ch."""
 Bare = Literal["m", "ft", "km", "mi"]

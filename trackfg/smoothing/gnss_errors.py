@@ -9,8 +9,8 @@ expected what the errors' would be, less S.
 
 *Level.* The variance of the errors is the mean of ``r^2 + S`` within :data:`_AROUND_S` of each position, horizontally
 and vertically (variance components: Foerstner 1979, as in :mod:`trackfg.solver.variance_components`). It is shrunk
-towards that of the run, and that one towards what is declared. The run's is the median, over the median that the mean
-of so many squares has.
+towards that of the run, and that one towards what is declared. The run's is the median of these means, divided by the
+median that a mean of so many squares of variance 1 has.
 
 Errors that last a minute are large or small for as long, though their level never changes. So there are two
 hypotheses, levels that change and one level with errors that last: in the second, n residuals around a position tell as
@@ -29,8 +29,8 @@ of the others, each by itself.
 Residuals of GNSS are large as well where it is the inertial sensors that are worse than assumed. So GNSS is not judged
 while another group of residuals is further beyond its sigmas.
 
-A solution by wider sigmas follows more, so that C belongs to a larger S than that of the solution in which it was seen.
-Where it has grown since, S and C are computed in turns here instead of by many solutions.
+A solution by wider sigmas follows more: C belongs to a larger S than that of the solution whose residuals are judged.
+Where sigmas grow, S and C are computed in turns here instead of by many solutions.
 
 Sigmas become level x sqrt(C) of the declared ones; whether a position is an outlier is still judged by the level alone.
 
@@ -180,8 +180,8 @@ def errors_seen(
     """Return level and correlation at times t (m,), s, from residuals (m, 3) in declared sigmas and from the variance S
     of the predicted positions (m, 3), likewise.
 
-    ``weighted``: large errors had less weight already. Where they had not, they bent the path, all residuals seem to
-    last, and levels are taken to change. ``used`` (m, 3): the factors on the declared sigmas of that solution.
+    ``weighted``: in the solution large errors had less weight already. Where they had not, they bent the path, all
+    residuals seem to last, and levels are taken to change. ``used`` (m, 3): its factors on the declared sigmas.
     """
     if not weighted:
         return _errors(t, residual, followed, 1.0)

@@ -46,12 +46,12 @@ _SHORTEST_S = 10.0
 """Spans are not halved below this, s: within such a time a wheel begins to creep, or ceases to (adhesion changes over
 one to a few hundred metres)."""
 
-_OFFSET_SD_MPS = 0.14
-"""Sigma of that where it is free, m/s: half a step of a speed in whole km/h that is cut off."""
-
 _PARTS = 64
-"""Nor below so small a part of the run: each likelihood takes as long as the run's keyframes are many, so that this
-bounds the time to some 100 of them."""
+"""Nor are spans halved below so small a part of the run: the time of each likelihood grows with the number of
+keyframes, and some 100 of them are computed at most."""
+
+_OFFSET_SD_MPS = 0.14
+"""Sigma of a speed signal's offset where it is free, m/s: half a step of speeds that are cut off to whole km/h."""
 
 _WIDER = (3.0, 10.0)
 """By how much more a scale is let walk that walks in a few spans: a change by 2 % in 10 s at 20 m/s is 1.4e-3 per root
@@ -62,10 +62,10 @@ _NAMED = 1e-3
 
 
 def wheel_scale(run: SolvedRun) -> Reassessment:
-    """Reassess how much the wheel's scale walks; of a run that was solved with one that does, whether it still
-    does with the noise that was found, and where.
+    """Reassess how much the wheel's scale walks; where a run was solved with a walk, whether it is still likelier with
+    the noise found since, and in which spans.
 
-    Where it walks is judged once, since a wider walk contradicts nothing any more.
+    The spans are judged once, since a wider walk contradicts nothing any more.
     """
     problem = run.problem
     chain = problem.family(FactorType.DISTANCE_CHAIN)
@@ -77,15 +77,16 @@ def wheel_scale(run: SolvedRun) -> Reassessment:
         return Reassessment(problem, _findings(run))
     states, per_sqrt_m = run.solution.states, run.config.tach.scale_walk_per_sqrt_m
     constant = replace(chain, sigma=declared.sigma)
-    is_free = problem.wheel.integrates_speed and problem.wheel.offset_sd_mps == 0.0  # rows show no steps
-    families = _with_offset(problem.families, SET_OFFSET_SD_MPS) if is_free else tuple(problem.families)
+    # A speed signal whose rows show steps has a free offset already.
+    may_have_offset = problem.wheel.integrates_speed and problem.wheel.offset_sd_mps == 0.0
+    families = _with_offset(problem.families, SET_OFFSET_SD_MPS) if may_have_offset else tuple(problem.families)
     evidence = ScaleEvidence.of(problem.inertial, families, states)
     without_walk = evidence.log_likelihood(constant)
     walk = _likeliest_walk(evidence, constant, per_sqrt_m, without_walk)
-    if walk > per_sqrt_m and is_free:
+    if walk > per_sqrt_m and may_have_offset:
         with_offset = _with_offset(families, _OFFSET_SD_MPS)
         beside = ScaleEvidence.of(problem.inertial, with_offset, states)
-        occam = np.log(_OFFSET_SD_MPS / SET_OFFSET_SD_MPS)
+        occam = np.log(_OFFSET_SD_MPS / SET_OFFSET_SD_MPS)  # the likelihoods are without the sigmas of priors
         by_offset = beside.log_likelihood(constant)
         if by_offset - occam > without_walk + CLEARLY:
             families, evidence = with_offset, beside
@@ -179,7 +180,7 @@ def _with_fixes_again(problem: Problem, states: States) -> Problem:
 
 
 def _findings(run: SolvedRun) -> tuple[Finding, ...]:
-    """Return what the scale does, of a run in which it walks, and what a speed signal is off by that was let be off."""
+    """Return the offset of a speed signal where it became a variable, and the change of a scale that walks."""
     return (*_offset(run), *_change(run))
 
 
