@@ -242,7 +242,7 @@ def _read(path: Path) -> pa.Table:
 
 def _write(path: Path, rows: pa.Table) -> None:
     if not path.parent.is_dir():  # a folder made anew would not have the parts before
-        raise OutputError(f"{path.parent}: the folder is gone; what was written before is lost with it")
+        raise OutputError(f"{path.parent}: the folder no longer exists; what was written into it is lost")
     content = io.BytesIO()
     write_parquet(rows, content)
     write_whole(path, content.getbuffer())
