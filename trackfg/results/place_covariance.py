@@ -146,14 +146,14 @@ def _of_blocks(table: pd.DataFrame) -> PlaceCovariance:
     blocks, count = [], 0
     for places, own, by_end, start_by_end, with_start in table.itertuples(index=False):
         m = 2 * len(places)
-        start, end = len(with_start) // m, len(by_end) // m
+        at_end, at_start = np.reshape(by_end, (m, -1)), np.reshape(with_start, (-1, m))
         blocks.append(
             Block(
                 count + np.arange(m),
                 np.reshape(own, (m, m)),
-                np.reshape(by_end, (m, end)),
-                np.reshape(start_by_end, (start, end)),
-                np.reshape(with_start, (start, m)),
+                at_end,
+                np.reshape(start_by_end, (len(at_start), at_end.shape[1])),
+                at_start,
             )
         )
         count += m
