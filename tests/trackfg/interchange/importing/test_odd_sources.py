@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 import zipfile
 from collections.abc import Callable
 from datetime import UTC, date, datetime, timedelta
@@ -18,6 +19,8 @@ from interchange.foreign_forms import START_NS, Drive, write_rcm_dx
 from trackfg.errors import BadInputError
 from trackfg.interchange.importing.conversion import Imported
 from trackfg.interchange.importing.registry import source_format
+from trackfg.interchange.importing.source_table import SourceTable
+from trackfg.interchange.importing.sources.mdf import _joined
 from trackfg.interchange.importing.sources.messages import measured_ns, numbers_of
 from trackfg.recording.model import Recording
 
@@ -283,6 +286,29 @@ def test_channels_with_a_group_each_are_one_table_with_the_date_of_the_file(
 
     assert back.description.start == START + timedelta(milliseconds=250)
     _same_imu(back, drive)
+
+
+def test_hundreds_of_channels_with_a_group_each_are_one_table() -> None:
+    t, other = np.arange(5.0), np.arange(4.0)
+    names = [f"c{i}" for i in range(300)]
+    alone = [SourceTable(name, pd.DataFrame({"time_s": t, name: i + t}), {name: "V"}) for i, name in enumerate(names)]
+    again = SourceTable("again", pd.DataFrame({"time_s": t, "c0": -t}))
+    wide = SourceTable("wide", pd.DataFrame({"time_s": t, "a": t, "b": t}))
+    late = SourceTable("late", pd.DataFrame({"time_s": other, "d": other}))
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")  # pandas warns of frames that were put together by column
+        joined = _joined([wide, *alone[:200], late, again, *alone[200:]])
+
+    assert [(table.name, len(table.columns)) for table in joined] == [
+        ("wide", 3),
+        ("c0", 301),
+        ("late", 2),
+        ("again", 2),
+    ]
+    assert joined[1].columns == ["time_s", *names]
+    assert joined[1].units == dict.fromkeys(names, "V")
+    np.testing.assert_array_equal(joined[1].frame["c299"], 299.0 + t)
 
 
 def test_mdf_3_is_read(drive: Drive, tmp_path: Path, imported: Import) -> None:

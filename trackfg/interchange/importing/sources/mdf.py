@@ -64,23 +64,31 @@ def _without_messages_at_deletion() -> Iterator[None]:
 
 
 def _joined(tables: Sequence[SourceTable]) -> list[SourceTable]:
-    """Return the tables of a single channel that have the same times as one, where their names differ."""
-    out: list[SourceTable] = []
-    at = dict[bytes, int]()
+    """Return the tables, those of a single channel on the same times as one where their names differ."""
+    groups: list[dict[str, SourceTable]] = []
+    on_times: dict[bytes, dict[str, SourceTable]] = {}
     for table in tables:
-        times = table.frame["time_s"].to_numpy().tobytes()
-        before = out[at[times]] if table.frame.shape[1] == 2 and times in at else None
-        if before is None or table.columns[1] in before.columns:
-            at.setdefault(times, len(out)) if table.frame.shape[1] == 2 else None
-            out.append(table)
-        else:
-            frame = before.frame.assign(**{table.columns[1]: table.frame.iloc[:, 1]})
-            out[at[times]] = replace(before, frame=frame, units={**before.units, **table.units})
-    return out
+        group: dict[str, SourceTable] = {}
+        if table.frame.shape[1] == 2:
+            group = on_times.setdefault(table.frame["time_s"].to_numpy().tobytes(), group)
+        channel = table.columns[-1]
+        if channel in group:
+            group = {}
+        if not group:
+            groups.append(group)
+        group[channel] = table
+    return [_side_by_side([*group.values()]) for group in groups]
+
+
+def _side_by_side(tables: Sequence[SourceTable]) -> SourceTable:
+    """Return one table with the columns of tables on the same times."""
+    frame = pd.concat([tables[0].frame, *(table.frame.iloc[:, 1:] for table in tables[1:])], axis=1)
+    units = {name: unit for table in tables for name, unit in table.units.items()}
+    return replace(tables[0], frame=frame, units=units)
 
 
 def _start_ns(file: Any) -> int | None:
-    """Return the date at which times are 0; None where the file has none worth the name."""
+    """Return the date at which times are 0; None where the start has no time zone or is too early."""
     start = file.header.start_time
     return as_ns(start) if start.tzinfo is not None and start.year >= _FIRST_YEAR else None
 
