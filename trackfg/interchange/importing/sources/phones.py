@@ -104,7 +104,7 @@ class Phyphox(SourceFormat):
 
     def tables(self, path: Path, dialect_for: DialectFor) -> Sequence[SourceTable]:
         """Read gyroscope, accelerometer and location."""
-        named = _read(path, tuple(name.removesuffix(".csv") for name in _PHYPHOX_FILES), dialect_for)
+        named = _read(path, (*(name.removesuffix(".csv") for name in _PHYPHOX_FILES), "time"), dialect_for)
         if "Accelerometer" not in named and any(name.startswith("Linear") for name in _names(path)):
             raise BadInputError(
                 f"{path.name}: the acceleration is without gravity, which roll and pitch need; expected the "
@@ -115,7 +115,7 @@ class Phyphox(SourceFormat):
                 raise BadInputError(
                     f"{path.name}: no {name}.csv; expected it. Hint: record with the {name} switched on"
                 )
-        parts = _parts(_read(path, ("time",), dialect_for).get("time"))
+        parts = _parts(named.get("time"))
         wanted = [named[name] for name in ("Gyroscope", "Accelerometer", "Location") if name in named]
         return [
             _on_calendar(_with_sigmas(table, "Horizontal Accuracy", "Vertical Accuracy"), parts) for table in wanted
