@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 PlaceColumns = str | tuple[str, str]
 """The column of the place, or those of the kilometre or milepost and of the length from there."""
 
-_POSTS = {
+_POSTS: dict[Bare, re.Pattern[str]] = {
     "km": re.compile(r"^(km|kilomet(er|re)s?|公里|里程)$", re.IGNORECASE),
     "mi": re.compile(r"^(mp|mile[\s_.-]?posts?|miles?|mi)([\s_.-]?(no|nr|number))?\.?$", re.IGNORECASE),
 }
@@ -51,8 +51,13 @@ def place_columns(table: SourceTable) -> tuple[tuple[str, str], Bare] | None:
         post = next((name for name in table.columns if pattern.match(name.strip()) and _whole(table, name)), None)
         rest = next((name for name in table.columns if name != post and _unit_from_post(table, name, unit)), None)
         if post is not None and rest is not None:
-            return (post, rest), "km" if unit == "km" else "mi"
+            return (post, rest), unit
     return None
+
+
+def quoted(place: PlaceColumns) -> str:
+    """Return the columns of a place as messages name them."""
+    return repr(place) if isinstance(place, str) else " and ".join(map(repr, place))
 
 
 def bare_unit(table: SourceTable, name: str) -> Bare:
@@ -76,7 +81,7 @@ def read_stations(table: SourceTable, name: PlaceColumns, unit: Bare, kilometrag
         if kilometrage is None or unit in LENGTHS:
             return numbers * METRES_PER[unit]
         column = pd.Series([f"{number:.6f}" if np.isfinite(number) else None for number in numbers])
-    return _written(table, repr(name), column, unit, kilometrage)
+    return _written(table, name, column, unit, kilometrage)
 
 
 def _from_posts(table: SourceTable, names: tuple[str, str], unit: Bare, kilometrage: Kilometrage | None) -> Array:
@@ -88,7 +93,7 @@ def _from_posts(table: SourceTable, names: tuple[str, str], unit: Bare, kilometr
     known = np.isfinite(post) & np.isfinite(rest)
     joint = "+" if of_post == "km" else " mi "
     text = [f"{a:g}{joint}{b:.6f} {of_rest}" if k else None for a, b, k in zip(post, rest, known, strict=True)]
-    return _written(table, " and ".join(map(repr, names)), pd.Series(text), unit, kilometrage)
+    return _written(table, names, pd.Series(text), unit, kilometrage)
 
 
 def _unit_from_post(table: SourceTable, name: str, of_post: str) -> str | None:
@@ -101,7 +106,9 @@ def _whole(table: SourceTable, name: str) -> bool:
     return pd.api.types.is_numeric_dtype(column) and bool((column.dropna() % 1 == 0).all())
 
 
-def _written(table: SourceTable, label: str, column: pd.Series, unit: Bare, kilometrage: Kilometrage | None) -> Array:
+def _written(
+    table: SourceTable, place: PlaceColumns, column: pd.Series, unit: Bare, kilometrage: Kilometrage | None
+) -> Array:
     """Return the chainage (n,), m, of written places."""
     chainage_of = _metres(unit) if kilometrage is None else _chainage(unit, kilometrage)
     chainage = np.full(len(column), np.nan)
@@ -111,7 +118,7 @@ def _written(table: SourceTable, label: str, column: pd.Series, unit: Bare, kilo
         try:
             chainage[i] = chainage_of(str(cell))
         except ValueError as error:
-            where = f"{table.name}: column {label}, row {table.first_row + i}"
+            where = f"{table.name}: column {quoted(place)}, row {table.first_row + i}"
             raise BadInputError(f"{where}: {printable(str(error))}") from error
     return chainage
 

@@ -11,7 +11,7 @@ from trackfg.errors import BadInputError
 from trackfg.geometry.resampling import resample
 from trackfg.interchange.importing.geometry_reading import GeometryReading
 from trackfg.interchange.importing.source_table import SourceTable
-from trackfg.interchange.importing.stations import read_stations
+from trackfg.interchange.importing.stations import quoted, read_stations
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.splines import spline_at
 
@@ -75,7 +75,7 @@ class Places:
 def places_of(table: SourceTable, reading: GeometryReading) -> Places:
     """Read the places of a table. Raises :class:`BadInputError` with the row that has none, or that turns back."""
     chainage = read_stations(table, reading.place, reading.chainage_unit)
-    what = repr(reading.place) if isinstance(reading.place, str) else " and ".join(map(repr, reading.place))
+    what = quoted(reading.place)
     missing = ~np.isfinite(chainage)
     if missing.any():
         row = table.first_row + int(np.argmax(missing))
