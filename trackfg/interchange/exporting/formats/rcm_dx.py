@@ -29,9 +29,9 @@ VERSION = (2, 0, 4)
 
 _UNITS = {"1pm": "1/m", "permille": "permille", "mm": "mm", "mps": "m/s"}
 _UNKNOWN_ID = -1
-_SURE_SIGMAS = 3.0
-"""A speed of less is rest: of noise alone 1 in 400 is more."""
 """Line and track are not determined (specification, position channel)."""
+_REST_SIGMAS = 3.0
+"""A speed of fewer sigmas counts as rest: noise alone exceeds them 1 time in 370."""
 
 
 class RcmDx(ResultFormat):
@@ -140,8 +140,8 @@ def _position(session: Any, result: Result, stamps: np.ndarray, options: ExportO
 
 
 def _forward(speed_mps: Array, sd_mps: Array) -> np.ndarray:
-    """Return whether the vehicle faces ahead (n,): at rest as when it last moved, before that as when it first does."""
-    moving = np.flatnonzero(np.abs(speed_mps) > _SURE_SIGMAS * sd_mps)
+    """Return whether the direction is forward (n,): at rest that of the motion before it, or else of the first one."""
+    moving = np.flatnonzero(np.abs(speed_mps) > _REST_SIGMAS * sd_mps)
     if not len(moving):
         return np.ones(len(speed_mps), dtype=bool)
     last = np.searchsorted(moving, np.arange(len(speed_mps)), side="right") - 1
