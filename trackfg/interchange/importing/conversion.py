@@ -322,8 +322,8 @@ def _in_known_units(
 
 
 def _start(parts: Sequence[_Part], mapping: Mapping, stated_ns: int | None) -> int | None:
-    """Return the date of t = 0, ns since 1970: the mapping's, else that of the IMU's first whole second, else the
-    source's own.
+    """Return the date of t = 0, ns since 1970: the mapping's, else the source's own where a clock has no dates, else
+    that of the IMU's first whole second.
 
     Raises :class:`BadInputError` where some clocks have dates and others have not, and no ``start`` says when.
     """
