@@ -194,9 +194,10 @@ def _into_folder(
             stream = opened(saved)
             note(f"{out}: {_place(saved, stream)}")
             return stream.run(ParquetParts(out, state=saved.sink), checkpoints, watch)
-    if (out / f"{UNFINISHED}{_CHECKPOINT}").exists():
+    unfinished = out / f"{UNFINISHED}{_CHECKPOINT}"
+    if unfinished.exists():
         with sole_writer(out):
-            (out / f"{UNFINISHED}{_CHECKPOINT}").unlink(missing_ok=True)  # of a stream that was killed before it began
+            unfinished.unlink(missing_ok=True)  # of a stream that was killed before it began
     if checkpoints.path.exists() and not checkpoints.read().finished:
         raise BadInputError(f"{out}: holds an unfinished stream: go on with it by --resume, or choose another folder")
     refuse_used(out, _NEVER_ADDED)

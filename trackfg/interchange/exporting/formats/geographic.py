@@ -178,8 +178,8 @@ def _layer(raw: Any, path: Path, name: str, shape: tuple[str, list[bytes]], fiel
         geometry_type=kind,
         crs="EPSG:4326",
         gdal_tz_offsets={
-            name: np.full(len(values), _GDAL_UTC)
-            for name, values in zip(fields.columns, columns, strict=True)
+            field: np.full(len(values), _GDAL_UTC)
+            for field, values in zip(fields.columns, columns, strict=True)
             if values.dtype.kind == "M"
         },
         append=path.exists(),

@@ -108,8 +108,8 @@ class _Nmea:
         if kind == "RMC" and message.date:
             self._date = datetime.combine(message.date, at, tzinfo=UTC)
         elif kind == "ZDA" and message.year:
-            self._date = datetime(int(message.year), int(message.month), int(message.day), tzinfo=UTC)
-            self._date = datetime.combine(self._date, at, tzinfo=UTC)
+            day = datetime(int(message.year), int(message.month), int(message.day), tzinfo=UTC)
+            self._date = datetime.combine(day, at, tzinfo=UTC)
         if kind == "GST" and message.stdLat != "":
             self._sigmas[at] = (message.stdLong, message.stdLat, message.stdAlt)
         elif kind == "GGA" and message.quality and message.lat != "":
