@@ -319,6 +319,12 @@ def test_a_workbook_with_units_balises_and_their_register(drive: Drive, tmp_path
     assert back.balises["chainage_sd_m"].tolist() == [0.2, 0.3]
 
 
+def _write_imu(drive: Drive, folder: Path) -> None:
+    values = np.column_stack([drive.t, drive.gyro, drive.accel])
+    names = ["time_s", *(f"gyro_{a}" for a in "xyz"), *(f"acc_{a}" for a in "xyz")]
+    pd.DataFrame(values, columns=names).to_csv(folder / "imu.csv", index=False)
+
+
 @pytest.mark.parametrize(
     ("columns", "unit_m", "step_m"),
     [(("MP", "FEET"), 1609.344, 0.3048), (("Mile", "Yards"), 1609.344, 0.9144), (("km", "m"), 1000.0, 1.0)],
@@ -326,9 +332,7 @@ def test_a_workbook_with_units_balises_and_their_register(drive: Drive, tmp_path
 def test_posts_are_places_in_two_columns(
     columns: tuple[str, str], unit_m: float, step_m: float, drive: Drive, tmp_path: Path, imported: Import
 ) -> None:
-    imu = [drive.t, drive.gyro, drive.accel]
-    names = ["time_s", *(f"gyro_{a}" for a in "xyz"), *(f"acc_{a}" for a in "xyz")]
-    pd.DataFrame(np.column_stack(imu), columns=names).to_csv(tmp_path / "imu.csv", index=False)
+    _write_imu(drive, tmp_path)
     # The last post is one of a mile, or kilometre, that is longer than it should be.
     rest = np.array([100.0, 345.5, unit_m / step_m + 30.0])
     posts = pd.DataFrame({"time_s": [2.0, 8.0, 15.0], columns[0]: 12, columns[1]: rest})
@@ -345,9 +349,7 @@ def test_posts_are_places_in_two_columns(
 def test_the_name_of_a_column_of_places_is_its_unit(
     name: str, unit_m: float, drive: Drive, tmp_path: Path, imported: Import
 ) -> None:
-    imu = [drive.t, drive.gyro, drive.accel]
-    names = ["time_s", *(f"gyro_{a}" for a in "xyz"), *(f"acc_{a}" for a in "xyz")]
-    pd.DataFrame(np.column_stack(imu), columns=names).to_csv(tmp_path / "imu.csv", index=False)
+    _write_imu(drive, tmp_path)
     pd.DataFrame({"time_s": [2.0, 8.0], name: [12.25, 12.5]}).to_csv(tmp_path / "posts.csv", index=False)
 
     back = _recording(imported(tmp_path))
