@@ -29,10 +29,10 @@ _LARGEST_BYTES = 20_000_000_000
 
 
 class TextFormat(SourceFormat):
-    """Delimited text of any kind, and .xlsx: one file, or all of a folder or a zip."""
+    """Delimited text of any kind, .xlsx and .xls: one file, or all of a folder or a zip."""
 
     key = "text"
-    title = "delimited text (.csv, .txt, .dat, ...) and .xlsx: a file, a folder or a zip of them"
+    title = "delimited text (.csv, .txt, .dat, ...), .xlsx and .xls: a file, a folder or a zip of them"
 
     def recognises(self, path: Path) -> bool:
         """Return whether it is such a file, or a folder or zip that holds one."""
