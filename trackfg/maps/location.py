@@ -78,8 +78,6 @@ class Location:
         """
         path = self.path
         assert path is not None
-        if purpose == "create":
-            path.parent.mkdir(parents=True, exist_ok=True)
         _refuse_unless_sqlite(path, may_be_absent=purpose == "create")
         uri = f"file:{quote(os.fsencode(path.absolute()))}?mode={'rwc' if purpose == 'create' else 'rw'}"
 
@@ -160,7 +158,7 @@ def _refuse_unless_sqlite(path: Path, may_be_absent: bool) -> None:
         with path.open("rb") as file:
             head = file.read(len(_SQLITE_MAGIC))
     except FileNotFoundError as error:
-        if may_be_absent:
+        if may_be_absent and path.parent.is_dir():
             return
         raise BadInputError(f"{path}: no such file; expected a feature map") from error
     except OSError as error:

@@ -69,4 +69,4 @@ def test_the_file_holds_the_table(result: Result, tmp_path: Path) -> None:
     written = pd.read_csv(tmp_path / "a.csv")
     assert np.array_equal(written["value_mm"], judgement.found["value_mm"])
     with pytest.raises(OutputError, match="cannot be written"):
-        write_exceedances(judgement, tmp_path / "nowhere" / "a.csv")
+        write_exceedances(judgement, tmp_path / "a.csv" / "a.csv")

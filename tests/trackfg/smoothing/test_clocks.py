@@ -7,7 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from trackfg.datasets.effects.positions import LateGnss
 from trackfg.datasets.effects.wheel import LateTach
+from trackfg.datasets.scenario import Effect
 from trackfg.datasets.scenarios import Simulation, scenario, simulate
 from trackfg.smoothing.smoother import smooth
 
@@ -47,7 +49,9 @@ def test_a_further_tach_that_is_late_is_moved() -> None:
 def test_a_late_tach_is_moved_until_the_graph_agrees() -> None:
     """Among all the other errors the accelerometer alone does not show it, and one solution finds a part of it."""
     plan = scenario("rough-ride")
-    effects = tuple(LateTach(1.0) if isinstance(effect, LateTach) else effect for effect in plan.effects)
+    effects: tuple[Effect, ...] = tuple(
+        type(effect)(1.0) if isinstance(effect, LateTach | LateGnss) else effect for effect in plan.effects
+    )
     run = simulate(replace(plan, effects=effects), seed=4, duration_s=300.0)
     summary = smooth(run.recording).summary
     offset = summary.clock_offset_s
