@@ -116,8 +116,10 @@ def text_column(folder: Path, name: str, column: str) -> tuple[list[str] | None,
         return None, findings
     try:
         if name.endswith(".parquet"):
-            names = pq.ParquetFile(path).schema_arrow.names
-            cells = pq.read_table(path, columns=[column])[column] if names.count(column) == 1 else None
+            file = pq.ParquetFile(path)
+            names = file.schema_arrow.names
+            # On this thread alone: see trackfg.files.parquet.
+            cells = file.read(columns=[column], use_threads=False)[column] if names.count(column) == 1 else None
         else:
             names = _header(path)
             convert = pa.csv.ConvertOptions(include_columns=[column], column_types={column: pa.string()})
