@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sized
-from dataclasses import fields
+from dataclasses import Field, fields
 from enum import Enum
 from html import escape
-from typing import Any
+from typing import Any, ClassVar
 
 
 class KeyFigures:
@@ -52,5 +52,7 @@ def _brief(value: object) -> str:
 class Outlined:
     """A base of dataclasses that hold arrays, which show shapes in place of numbers; made with ``repr=False``."""
 
+    __dataclass_fields__: ClassVar[dict[str, Field[Any]]]
+
     def __repr__(self) -> str:
-        return outline(self, (field.name for field in fields(self)))  # type: ignore[arg-type]
+        return outline(self, (field.name for field in fields(self)))
