@@ -64,7 +64,7 @@ def _without_places(problem: Problem, states: States, t: Array) -> tuple[Array, 
     moved = states.odo.distance + root.solution().of(Kind.ODO)[:, Odo.DISTANCE]
     covariance = joint_covariance(root, _distances(problem.t, t), posterior_covariance(root)).matrix
     offset = np.mean(np.interp(t, problem.t, states.odo.distance - moved))
-    return np.interp(t, problem.t, moved) + offset, 0.5 * (covariance + covariance.T)
+    return np.interp(t, problem.t, moved) + offset, covariance
 
 
 def _distances(keyframe_s: Array, t: Array) -> Functions:
