@@ -89,8 +89,8 @@ def freedom_of(name: str) -> float:
 def slow_part(change: Array, step_m: float) -> Array:
     """Return the slow part of a difference (n,); holes shorten the window.
 
-    Beyond its ends the difference is continued by its reflection in the end point, as a wander goes on: a window that
-    ends there would take the wander of the last 40 m for a change.
+    Beyond each end the difference is continued by its reflection in the end point, so that a slow trend continues. A
+    window that were cut off there would take the trend of the last 40 m for a change.
     """
     known = np.flatnonzero(np.isfinite(change))
     if not known.size:

@@ -138,7 +138,7 @@ def test_a_wander_goes_on_to_the_ends(grid: pd.DataFrame) -> None:
 
 
 def test_fewer_runs_at_an_end_of_the_map_have_another_offset(grid: pd.DataFrame) -> None:
-    """Four runs, of which one goes on for 60 m more: the mean's gradient makes a step there."""
+    """One of four runs begins 60 m before the others: where these begin, the gradient of the mean has a step."""
     run, alone = seen(shape_of(0), 101), grid["chainage_m"] < 60.0
     off = grid["gradient_permille"] + 0.5 * alone
     sd = np.where(alone, 1.0, 0.5) * grid["gradient_permille_sd"]
