@@ -149,6 +149,8 @@ def smooth(
         Where the recording does not determine the run; the message says what is missing.
     BadInputError
         For a known line that cannot be used.
+    TypeError
+        For anything but a recording: a path, say.
 
     Examples
     --------
@@ -159,6 +161,9 @@ def smooth(
     >>> int(result.trajectory["chainage_m"].max().round(-1))  # m, from where the run starts
     300
     """
+    if not isinstance(recording, Recording):
+        given = type(recording).__name__
+        raise TypeError(f"smooth takes a recording, as trackfg.read_recording(folder) gives, not {given}")
     config, limits = config or SmoothConfig(), limits or CheckLimits()
     sound = without_imu_faults(recording, limits)
     if sound.imu.empty:

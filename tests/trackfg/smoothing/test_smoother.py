@@ -254,6 +254,11 @@ def test_falling_chainage_is_the_same_run(simulated: Callable[..., Simulation]) 
     pd.testing.assert_frame_equal(up.drop(columns="chainage_m"), down.drop(columns="chainage_m"))
 
 
+def test_a_path_for_a_recording_is_refused() -> None:
+    with pytest.raises(TypeError, match=r"takes a recording, as trackfg\.read_recording\(folder\) gives, not str"):
+        smooth("run1")  # type: ignore[arg-type]
+
+
 @pytest.mark.parametrize("duration_s", [0.005, 0.3])
 def test_recording_too_short_is_refused(simulated: Callable[..., Simulation], duration_s: float) -> None:
     recording = simulated("mainline", seed=0, duration_s=TOTAL_S).recording

@@ -125,7 +125,9 @@ function strip(part, [name, label, scale, range]) {
     }
     svg.append(element("path", { class: "curve", d: path(run) }));
   }
-  const text = `${label}: ${written(scale * rows.at(-1)[at], 1)}${sd < 0 ? "" : ` ± ${written(points.at(-1)[2], 1)} (95 %)`}`;
+  const newest = scale * rows.at(-1)[at], band = points.at(-1)[2]; // both as fine as the band, which may be far below the axis
+  const digits = Math.max(digitsFor(range ? newest : high - low) + 1, sd < 0 ? 0 : digitsFor(band));
+  const text = `${label}: ${fixed(newest, digits)}${sd < 0 ? "" : ` ± ${fixed(band, digits)} (95 %)`}`;
   figure.querySelector("figcaption").textContent = text;
   svg.setAttribute("aria-label", `${text}; from ${written(back(low), 1)} to ${written(back(high), 1)} between ${x0.toFixed(0)} and ${x1.toFixed(0)} ${part === "time" ? "s" : "m"}`);
 }

@@ -150,6 +150,18 @@ def test_what_is_not_known_before_a_fix_is_neither_drawn_nor_given_a_sigma(
     assert [float(number) for number in found.groups()] == pytest.approx([1.5, 1.0, 1.5], abs=0.05)
 
 
+def test_a_band_far_narrower_than_its_axis_keeps_its_digits(browser: Any, steps: list[StreamStep]) -> None:
+    state = LiveState("run", 5.0)
+    for step in steps:
+        geometry = step.estimates.geometry.assign(cross_level_mm_sd=2e-3)
+        state.watch(replace(step, estimates=step.estimates._replace(geometry=geometry)))
+    page = browser.new_page(viewport={"width": 1280, "height": 900})
+    with serving(state, port=0) as address:
+        page.goto(address)
+        label = page.wait_for_selector("#strip-place-cross_level_mm svg").get_attribute("aria-label")
+    assert re.search(r": -?\d+\.\d{4} ± 0\.0039 \(95 %\)", label)
+
+
 def test_the_command_serves_it(tmp_path: Path) -> None:
     simulate("trolley", seed=0, duration_s=30.0).write(tmp_path / "run")
     command = [sys.executable, "-m", "trackfg", "stream", tmp_path / "run", "-o", tmp_path / "out", "--lag", "5"]
