@@ -33,8 +33,8 @@ SHORTEST_M = 200.0
 """Length of straight, all together, or else of the run, below which its mean says nothing: twists and irregularities
 are not averaged."""
 
-_EACH_WAY = 0.2
-"""Share of the way in curves to the left, and to the right, below which the line is drawn beyond what is seen."""
+_CURVED = 0.2
+"""Share of the way in curves below which a line of roll over curvature is not determined."""
 
 NOTICED_RAD = np.radians(0.2)
 """From here on a tilt is a finding: 5 mm between the rails, what track is relaid to."""
@@ -52,35 +52,38 @@ def with_roll_of_mounting(run: SolvedRun) -> SolvedRun:
 
 
 def _roll_on_straights(run: SolvedRun) -> tuple[float, float]:
-    """Return the mean roll on straights and its sigma, rad; without any, that which curves of both ways have in common;
-    0 where there is not way enough.
+    """Return the mean roll on straights and its sigma, rad; without any, those at curvature 0 by the curves; 0 where
+    there is not way enough.
     """
     at = passage(run)
     on_straight = straight(at.heading)
     if len(at.roll) * STEP_M < SHORTEST_M:
         return 0.0, 0.0
     if np.sum(on_straight) * STEP_M < SHORTEST_M:
-        return _roll_at_no_curvature(at)
+        return roll_at_no_curvature(at)
     return float(np.mean(at.roll[on_straight])), float(np.sqrt(np.mean(at.roll_variance[on_straight])))
 
 
-def _roll_at_no_curvature(at: Passage) -> tuple[float, float]:
+def roll_at_no_curvature(at: Passage) -> tuple[float, float]:
     """Return roll at curvature 0 and its sigma, rad, by the line of roll over curvature, since cant has its sign.
 
-    It is 0 where hardly any curve goes the other way.
+    Cant need not be proportional to curvature: what the line takes for cant at the mean curvature is as uncertain as it
+    is large. In curves of both ways it is hardly anything. Both are 0 where hardly anything is curved, or all is.
     """
     half = round(0.5 * _BASE_M / STEP_M)
     curvature = chord_curvature(at.heading, half)
     roll = at.roll[half : len(at.roll) - half]
-    if min(np.mean(curvature > _STRAIGHT_1PM), np.mean(curvature < -_STRAIGHT_1PM)) < _EACH_WAY:
+    curved = np.abs(curvature) > _STRAIGHT_1PM
+    if np.mean(curved) < _CURVED or curved.all():
         return 0.0, 0.0
-    away = curvature - curvature.mean()
+    mean = float(curvature.mean())
+    away = curvature - mean
     spread = float(away @ away)
     slope = float(away @ roll) / spread
     left = roll - roll.mean() - slope * away
-    lever = 1.0 / len(roll) + curvature.mean() ** 2 / spread
-    variance = np.mean(at.roll_variance) + np.mean(left**2) * lever * 2 * half
-    return float(roll.mean() - slope * curvature.mean()), float(np.sqrt(variance))
+    lever = 1.0 / len(roll) + mean**2 / spread
+    variance = np.mean(at.roll_variance) + np.mean(left**2) * lever * 2 * half + (slope * mean) ** 2
+    return float(roll.mean() - slope * mean), float(np.sqrt(variance))
 
 
 def straight(heading: Array) -> np.ndarray:

@@ -12,8 +12,9 @@ from trackfg.config import SmoothConfig
 from trackfg.datasets.scenarios import Simulation
 from trackfg.numerics.rotations import matrix_from_rpy
 from trackfg.recording.model import Recording
+from trackfg.smoothing.passage import STEP_M, Passage
 from trackfg.smoothing.smoother import SmoothedStates, smooth_states
-from trackfg.smoothing.straights import straight
+from trackfg.smoothing.straights import roll_at_no_curvature, straight, unexplained_roll
 
 TOTAL_S = 200.0
 
@@ -65,3 +66,30 @@ def test_a_tilt_shows_in_curves_of_both_ways(simulated: Callable[..., Simulation
     """A yard has no long straight."""
     result = smooth_states(tilted(simulated("shunting", seed=0, duration_s=240.0).recording, 2.0), SmoothConfig())
     assert result.problem.run.mount_roll_sd == pytest.approx(np.radians(2.0), rel=0.1)
+
+
+def two_left_curves(tilt: float, cant: float) -> Passage:
+    """Two curves of R 300 to the left, 200 m and 240 m long, between straights of 60 m, with ramps of 50 m."""
+    way = np.arange(0.0, 620.0, STEP_M)
+    ramp = np.interp(way, [60, 110, 210, 260, 320, 370, 510, 560], [0, 1, 1, 0, 0, 1, 1, 0])
+    heading = np.cumsum(ramp) * STEP_M / 300.0
+    return Passage(heading, tilt + cant * ramp, np.full(len(way), 0.002**2), np.full(len(way), 10.0))
+
+
+@pytest.mark.parametrize("tilt", [0.08, -0.08])
+def test_a_tilt_shows_in_curves_of_one_way(tilt: float) -> None:
+    roll, sd = roll_at_no_curvature(two_left_curves(tilt, cant=0.0))
+    assert roll == pytest.approx(tilt, abs=0.005)
+    assert unexplained_roll(roll, sd**2) == pytest.approx(0.08, rel=0.1)
+
+
+def test_cant_of_an_upright_vehicle_is_no_tilt_in_curves_of_one_way() -> None:
+    roll, sd = roll_at_no_curvature(two_left_curves(0.0, cant=-0.04))
+    assert unexplained_roll(roll, sd**2) == 0.0
+
+
+def test_no_tilt_shows_within_one_curve() -> None:
+    """Its curvature is the same all the way: roll and cant cannot be told apart."""
+    way = np.arange(0.0, 400.0, STEP_M)
+    within = Passage(way / 300.0, np.full(len(way), 0.08), np.full(len(way), 0.002**2), np.full(len(way), 10.0))
+    assert roll_at_no_curvature(within) == (0.0, 0.0)
