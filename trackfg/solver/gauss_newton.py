@@ -58,13 +58,17 @@ class Graph(Protocol):
 
 @dataclass(frozen=True, repr=False)
 class Solution(KeyFigures):
-    """A solution is the minimum, the square root of the information at the last step, and how it was reached."""
+    """A solution is the minimum, the square root of the information at the last step, and how it was reached.
+
+    ``trials``: how many steps, shortened and lengthened ones with them, were tried in all ``iterations``.
+    """
 
     states: States
     root: SquareRoot
     converged: bool
     reason: str
     iterations: int
+    trials: int
     cost: float
     initial_cost: float
     degrees_of_freedom: int
@@ -133,7 +137,7 @@ def solve(
     cost = initial_cost = _cost(problem, families, states)
     stop = None
     root: SquareRoot | None = None
-    iterations = 0
+    iterations = trials = 0
     while stop is None and iterations < config.max_iterations:
         iterations += 1
         root = None  # the next one needs its memory
@@ -145,7 +149,8 @@ def solve(
         if robust and length < config.step_tolerance:
             stop = _Stop(True, f"the step is {length:.2g} posterior sigmas, below {config.step_tolerance:g}")
             break
-        moved = _step(problem, families, states, root.solution(), cost)
+        moved, tried = _step(problem, families, states, root.solution(), cost)
+        trials += tried
         if moved is not None:
             fell = cost - moved[1]
             states, cost = moved
@@ -161,7 +166,7 @@ def solve(
     assert root is not None  # there is at least one iteration
     stop = stop or _Stop(False, f"stopped after {config.max_iterations} iterations")
     rows = 9 * (keyframes - 1) + sum(family.rows for family in families)
-    return Solution(states, root, stop.converged, stop.reason, iterations, cost, initial_cost, rows - variables)
+    return Solution(states, root, stop.converged, stop.reason, iterations, trials, cost, initial_cost, rows - variables)
 
 
 def _cost(problem: Graph, families: tuple[Family, ...], states: States) -> float:
@@ -170,14 +175,17 @@ def _cost(problem: Graph, families: tuple[Family, ...], states: States) -> float
 
 def _step(
     problem: Graph, families: tuple[Family, ...], states: States, step: Step, cost: float
-) -> tuple[States, float] | None:
-    """Return the best of the halved or doubled steps; None if none lowers the cost.
+) -> tuple[tuple[States, float] | None, int]:
+    """Return the best of the halved or doubled steps, None if none lowers the cost, and how many were tried.
 
     Reweighted least squares steps are too short where robust weights still change, so a step that helps is doubled for
     as long as that helps more.
     """
+    trials = 0
 
     def attempt(scale: float) -> tuple[States, float]:
+        nonlocal trials
+        trials += 1
         moved = states.moved(step.scaled(scale))
         new = _cost(problem, families, moved)
         return moved, new if np.isfinite(new) else np.inf
@@ -187,8 +195,8 @@ def _step(
     while best[1] > cost * (1.0 + 1e-12):
         scale *= 0.5
         if scale < _SHORTEST:
-            return None
+            return None, trials
         best = attempt(scale)
     while scale >= 1.0 and scale < _LONGEST and (longer := attempt(2.0 * scale))[1] < best[1]:
         best, scale = longer, 2.0 * scale
-    return best
+    return best, trials

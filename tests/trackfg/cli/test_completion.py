@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shlex
 import subprocess
 import sys
 
@@ -33,8 +34,8 @@ def test_commands_options_and_scenarios_are_completed(words: str, position: int,
 
 
 def test_the_shell_is_told_how() -> None:
-    done = subprocess.run(
-        [sys.executable, "-m", "trackfg", "--show-completion", "bash"], capture_output=True, text=True, check=False
-    )
+    """The shell is the one that runs the command."""
+    command = f"{shlex.quote(sys.executable)} -m trackfg --show-completion; exit $?"
+    done = subprocess.run(["bash", "-c", command], capture_output=True, text=True, check=False)
     assert done.returncode == 0
     assert "_TRACKFG_COMPLETE=complete_bash" in done.stdout

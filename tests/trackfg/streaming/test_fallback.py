@@ -207,21 +207,26 @@ def test_what_fails_at_the_end_leaves_the_rows_before_it_written(monkeypatch: py
 
 
 def test_the_batch_solvers_work_on_rows_in_random_order_is_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Such rows tell no heading: without a bound each keyframe solves again a window that has grown by one."""
-    most, work, windows = 2000, [0], running_window.RunningWindow.begin
+    """Such rows tell no heading: without a bound each keyframe solves again a window that has grown by one.
+
+    Windows lost one after another have half the work each, but for what the last solution of each took.
+    """
+    most, work, last, begins = 2000, list[int](), list[int](), list[int]()
+    windows, batch = running_window.RunningWindow.begin, running_window.RunningWindow._batch_solution
 
     def begin(*args: Any, **kwargs: Any) -> Any:
+        begins.append(kwargs["damped_work"])
         work.append(0)
+        last.append(0)
         return windows(*args, **kwargs)
 
     def counted(self: Any, window: Window) -> Window:
         before = self.damped_work
         solution = batch(self, window)
-        work[-1] += self.damped_work - before
-        longest.append(len(window))
+        last[-1] = self.damped_work - before
+        work[-1] += last[-1]
         return solution
 
-    batch, longest = running_window.RunningWindow._batch_solution, list[int]()
     monkeypatch.setattr(running_window, "_MOST_DAMPED", most)
     monkeypatch.setattr(running_window.RunningWindow, "begin", begin)
     monkeypatch.setattr(running_window.RunningWindow, "_batch_solution", counted)
@@ -230,8 +235,10 @@ def test_the_batch_solvers_work_on_rows_in_random_order_is_bounded(monkeypatch: 
     for push in source:
         events += smoother.put(intake.push(push)[0]).events
     events += [*smoother.put(intake.finish()[0]).events, *smoother.finish().events]
-    iterations = SmoothConfig().solver.max_iterations
-    assert max(work) <= most + iterations * max(longest)
+    for before, window, step in zip(begins, work, last, strict=True):
+        assert before + window <= max(most, before) + step
+    assert begins[0] == 0
+    assert begins[1:] == [(before + window) // 2 for before, window in zip(begins, work, strict=True)][:-1]
     restarts = [event.detail for event in events if event.kind == "restarted"]
     assert any("have not told the heading" in detail for detail in restarts), restarts
 

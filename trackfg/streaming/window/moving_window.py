@@ -40,7 +40,8 @@ class MovingWindow:
     """The window of a stream with the keyframes of the last ``lag_s`` seconds, and up to ten more.
 
     ``running`` is None before the window has begun, which ``starting`` waits for. ``on_map``: a map tells the distance.
-    ``keyframe_spacing``: how many times further apart keyframes are than the settings say.
+    ``keyframe_spacing``: how many times further apart keyframes are than the settings say. ``damped_work``: the batch
+    solver's on lost windows, as far as it counts in the next one.
     """
 
     buffer: SampleBuffer
@@ -52,6 +53,7 @@ class MovingWindow:
     running: RunningWindow | None = None
     votes: FixVotes = field(default_factory=FixVotes)
     lost: LostWindow | None = None
+    damped_work: int = 0
 
     def next_keyframe(self) -> float | None:
         """Return the time of the next keyframe, s; None while rows are missing."""
@@ -78,7 +80,9 @@ class MovingWindow:
             if self.running is not None:
                 return self.running.add_keyframe(t)
             first = self.starting.problem(self.buffer, self.config, t, on_map=self.on_map)
-            self.running, update = RunningWindow.begin(first, self.buffer, self.votes, self.lag_s, on_map=self.on_map)
+            self.running, update = RunningWindow.begin(
+                first, self.buffer, self.votes, self.lag_s, on_map=self.on_map, damped_work=self.damped_work
+            )
         except FAILURES as error:
             self._lose(t, str(error))
             return None
@@ -116,7 +120,7 @@ class MovingWindow:
         """Begin anew where the last pass knew the vehicle, or after rows that do not make a first window."""
         begin, distance = t, self.starting.distance
         if self.running is not None:
-            window = self.running.window
+            window, self.damped_work = self.running.window, self.running.damped_work_after
             variance = posterior_covariance(self.running.root.last(1)).of(Kind.ODO)[0, 0, 0]
             begin, sd = float(window.t[-1]), float(np.hypot(np.sqrt(variance), self.votes.doubt_m))
             distance = KnownDistance(begin, float(window.states.odo.distance[-1]), sd)

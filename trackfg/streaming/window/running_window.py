@@ -67,8 +67,12 @@ _HEADING_SD_RAD = 0.03
 _MOST_WITHOUT_HEADING = 240
 """Keyframes in a window whose heading is not known: a vehicle may stand for hours before it shows."""
 _MOST_DAMPED = 50_000
-"""Iterations of the batch solver times keyframes, in all, that a window is given to determine its heading. One takes
-some 0.2 ms, so these take as long as the rows of a new first window. The simulated lines need 1500 to 9000.
+"""Steps that the batch solver tries, times keyframes, in all, that a window is given to determine its heading. One
+takes some 0.13 ms, so these take 7 s. The simulated lines that need any need 400 to 19,500.
+"""
+_DAMPED_BEFORE = 0.5
+"""Share of such work that counts in the next window, where the heading stayed unknown. The 25,000 that are left for
+that one are still enough for the simulated lines.
 """
 _ROLLING = 0.9
 """Minimum probability that the wheel rolls; below it the recent keyframes are solved again."""
@@ -111,7 +115,7 @@ class RunningWindow:
     are its newest keyframes behind their marginal prior. ``added`` are the intervals since, ``conditionals`` what their
     steps left; ``newest`` is the newest keyframe behind its marginal prior. ``speed_sd``: of that, m/s.
     ``heading_known`` stays once it is; ``damped``: the batch solver has taken over before it was, which is one event;
-    ``damped_work``: its iterations until then, times the keyframes of each.
+    ``damped_work``: the steps it tried until then, times the keyframes of each, with a share of those of lost windows.
     ``walks``: whether the wheel's scale walks by the accelerometer's evidence. ``gnss``: what its positions have shown
     of their errors. ``undelivered_pass``: the result of a pass that :meth:`add_keyframe` had to take, or of the first
     window.
@@ -142,9 +146,12 @@ class RunningWindow:
 
     @classmethod
     def begin(
-        cls, first: FirstProblem, buffer: SampleBuffer, votes: FixVotes, lag_s: float, *, on_map: bool
+        cls, first: FirstProblem, buffer: SampleBuffer, votes: FixVotes, lag_s: float, *, on_map: bool, damped_work: int
     ) -> tuple[RunningWindow, FilterUpdate]:
-        """Solve the first window. Raises as :func:`~trackfg.solver.gauss_newton.solve` does."""
+        """Solve the first window. Raises as :func:`~trackfg.solver.gauss_newton.solve` does.
+
+        ``damped_work``: that of the windows before, as :attr:`damped_work_after` gives it.
+        """
         problem = first.problem
         solution = solve(problem, first.context.config.solver)
         root, states = solution.root, solution.states
@@ -161,6 +168,7 @@ class RunningWindow:
             votes=votes,
             rests=rests,
             tach=first.tach,
+            damped_work=damped_work,
             window=window,
             root=root,
             linearisation_point=states,
@@ -234,6 +242,11 @@ class RunningWindow:
     def add_to_first_keyframe(self, family: Family) -> None:
         """Add a family of factors on the first keyframe of the window; others stay."""
         self.window = self.window.with_factors([family])
+
+    @property
+    def damped_work_after(self) -> int:
+        """The batch solver's work that counts in the window after this one, should it be lost."""
+        return 0 if self.heading_known else int(_DAMPED_BEFORE * self.damped_work)
 
     @property
     def _pass_is_due(self) -> bool:
@@ -404,7 +417,7 @@ class RunningWindow:
             )
         solution = solve(window, self.context.config.solver)
         if not self.heading_known:
-            self.damped_work += solution.iterations * len(window)
+            self.damped_work += solution.trials * len(window)
         return replace(window, states=solution.states)
 
     def _heading_sd(self, window: Window, root: SquareRoot) -> float:
