@@ -18,13 +18,16 @@ from __future__ import annotations
 import numpy as np
 
 from trackfg.factors.factor_type import FactorType
-from trackfg.factors.family import Family
+from trackfg.factors.family import Family, in_kernel, linear_rows
 from trackfg.factors.linear import Slot
 from trackfg.factors.states import Kind
 from trackfg.numerics.arrays import Array
 
 OF_ACCELEROMETER, OF_GYRO = slice(0, 6), slice(6, 21)
 """What the accelerometer adds (A) and what the gyro does (W and G), in the calibration."""
+
+OF_GYRO_RATE = slice(6, 15)
+"""What the gyro adds of rates (W), row by row, in the calibration."""
 
 RECTIFICATION = slice(21, 24)
 """The coefficients k in the calibration."""
@@ -58,6 +61,7 @@ def response_sigmas(
     return np.concatenate([A[:, :2].ravel(), W.ravel(), rest])
 
 
+@in_kernel(linear_rows("bias_walk", "change"))
 def _walk(first: Array, second: Array, calibration: Array, change: Array) -> tuple[Array, tuple[Array, ...]]:
     residual = second - first - np.einsum("mij,mj->mi", change, calibration)
     same = np.tile(np.eye(6), (len(first), 1, 1))

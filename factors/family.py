@@ -1,5 +1,7 @@
 """A family holds all factors of one type in a graph, with one residual-and-Jacobian function written over arrays.
 
+Where compiled kernels are in use, one may compute the same (:func:`in_kernel`); the function stays its reference.
+
 From that one function come the batch linearisation (:meth:`Family.linearize`), the cost (:meth:`Family.cost`), a
 ``gtsam.CustomFactor`` per factor (:func:`trackfg.factors.gtsam_bridge.custom_factors`) and the numerical check that
 every family's test runs (:func:`trackfg.factors.checking.check_jacobians`).
@@ -22,10 +24,41 @@ from trackfg.factors.loss import Loss, SwitchChain
 from trackfg.factors.states import States, Value
 from trackfg.factors.switching import OUTLIER_SIGMAS
 from trackfg.numerics.arrays import Array
+from trackfg.numerics.kernels import compiled_kernels, kernel_argument
 from trackfg.numerics.key_figures import Outlined
 
 Evaluate = Callable[..., tuple[Array, tuple[Array, ...]]]
 """``evaluate(*values, **data) -> (residual (m, d), one Jacobian (m, d, dim) per slot)``."""
+
+Kernel = Callable[["Family", States, float, Array], bool]
+"""``kernel(family, states, width, rows) -> whether all numbers are finite``: writes rows [A b] (m, d, c + 1) of the
+whitened factors, or b alone into (m, d, 1), weighted by the loss that ``width`` tells (:attr:`Loss.kernel_width`).
+"""
+
+_KERNELS: dict[Evaluate, Kernel] = {}
+
+
+def in_kernel(kernel: Kernel) -> Callable[[Evaluate], Evaluate]:
+    """Return a decorator that has a kernel compute what the decorated function does, and the rows from it."""
+
+    def registered(evaluate: Evaluate) -> Evaluate:
+        _KERNELS[evaluate] = kernel
+        return evaluate
+
+    return registered
+
+
+def linear_rows(name: str, *data: str) -> Kernel:
+    """Return the kernel of that name in ``kernels/factors.cpp``, which takes these data of a family in this order."""
+
+    def kernel(family: Family, states: States, width: float, rows: Array) -> bool:
+        from trackfg.numerics import compiled
+
+        indices = tuple(np.ascontiguousarray(slot.index, dtype=np.int64) for slot in family.slots)
+        measured = tuple(kernel_argument(family.data[own]) for own in data)
+        return compiled.linear_rows(name, states.arrays, indices, measured, kernel_argument(family.sigma), width, rows)
+
+    return kernel
 
 
 @dataclass(frozen=True, repr=False)
@@ -152,6 +185,9 @@ class Family(Outlined):
 
     def whitened(self, states: States) -> Array:
         """Return the residuals in sigmas, before any robust weight, shape (m, d)."""
+        rows = self._rows_by_kernel(states, 1, 0.0)
+        if rows is not None:
+            return -rows[:, :, 0]
         return self.residual(states) / self.sigma
 
     def weights(self, states: States) -> Array:
@@ -167,14 +203,27 @@ class Family(Outlined):
 
     def linearize(self, states: States) -> LinearFactors:
         """Return the factors linearised at ``states``, whitened and weighted."""
-        residual, jacobians = self.evaluated(self.values(states))
-        rows = self._checked(np.concatenate([*jacobians, -residual[:, :, None]], axis=2))
-        scale = 1.0 / self.sigma
-        if self.loss is not None:
-            norm = np.linalg.norm(residual * scale, axis=1)
-            scale = scale * np.sqrt(self.loss.weight(norm))[:, None]
-        rows *= scale[:, :, None]
+        columns = 1 + sum(slot.kind.dim for slot in self.slots)
+        width = 0.0 if self.loss is None else self.loss.kernel_width
+        rows = self._rows_by_kernel(states, columns, width)
+        if rows is None:
+            residual, jacobians = self.evaluated(self.values(states))
+            rows = self._checked(np.concatenate([*jacobians, -residual[:, :, None]], axis=2))
+            rows *= (1.0 / self.sigma)[:, :, None]
+            width = 0.0
+        if self.loss is not None and not width:
+            rows *= np.sqrt(self.loss.weight(np.linalg.norm(rows[:, :, -1], axis=1)))[:, None, None]
         return LinearFactors(self.slots, rows)
+
+    def _rows_by_kernel(self, states: States, columns: int, width: float) -> Array | None:
+        """Return the rows that a compiled kernel writes; None where none does."""
+        kernel = _KERNELS.get(self.evaluate) if compiled_kernels() else None
+        if kernel is None:
+            return None
+        rows = np.empty((*self.sigma.shape, columns))
+        if not kernel(self, states, width, rows):
+            raise ValueError(f"{self.name}: residual or Jacobian is not finite")
+        return rows
 
     def evaluated(self, values: Sequence[Value]) -> tuple[Array, tuple[Array, ...]]:
         """Return residuals and Jacobians at ``values``, one entry per slot; ``ValueError`` for wrong shapes."""

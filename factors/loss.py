@@ -30,6 +30,11 @@ class Loss(ABC):
         """Return ``rho(e)`` of each norm (m,); where factors are coupled, the cost of all together."""
 
     @property
+    def kernel_width(self) -> float:
+        """What tells the compiled kernels which weight to give: 0 where they give none, and :meth:`weight` does."""
+        return 0.0
+
+    @property
     def convex(self) -> Loss | None:
         """The loss that stands in while the values are far from the solution: convex, so that no outlier traps them."""
         return None
@@ -47,6 +52,11 @@ class Huber(Loss):
         c = self.width
         return np.where(norm <= c, 0.5 * norm**2, c * (norm - 0.5 * c))
 
+    @property
+    def kernel_width(self) -> float:
+        """See :attr:`Loss.kernel_width`: above 0 the kernels give this loss's weight."""
+        return self.width
+
 
 class Cauchy(Loss):
     """Cauchy's loss grows with the logarithm and lets gross errors go."""
@@ -59,6 +69,11 @@ class Cauchy(Loss):
         """See :meth:`Loss.cost`."""
         c = self.width
         return 0.5 * c**2 * np.log1p((norm / c) ** 2)
+
+    @property
+    def kernel_width(self) -> float:
+        """See :attr:`Loss.kernel_width`: below 0 the kernels give this loss's weight."""
+        return -self.width
 
 
 @dataclass(frozen=True)

@@ -21,7 +21,7 @@ from dataclasses import replace
 import numpy as np
 
 from trackfg.factors.factor_type import FactorType
-from trackfg.factors.family import Family
+from trackfg.factors.family import Family, in_kernel
 from trackfg.factors.linear import Slot
 from trackfg.factors.states import (
     ELIMINATION_ORDER,
@@ -36,11 +36,14 @@ from trackfg.factors.states import (
     vectors,
 )
 from trackfg.numerics.arrays import Array
+from trackfg.numerics.kernels import kernel_argument
 from trackfg.numerics.rotations import body_rates, cross, euler_rates, matrix_from_rpy, rpy_from_matrix, skew
 
 _KINDS = (*ELIMINATION_ORDER, *SHARED)
 _OTHERS = tuple(kind for kind in _KINDS if kind is not Kind.NAV)
 _IN_KEYFRAME = len(ELIMINATION_ORDER)
+_ORIGINS = ("R", "p", "v", "bias", "odo", "mount", "clock", "imu", "wheel")
+"""The linearisation point in the data of a marginal prior, in the order of :attr:`States.arrays`."""
 
 
 def local_coordinates(value: Value, origin: Value) -> Array:
@@ -91,7 +94,23 @@ def retract_in_chart(origin: States, step: Step) -> States:
     return replace(states, nav=Nav(R, states.nav.p, v))
 
 
-def _past(
+def _rows_in_kernel(family: Family, states: States, _width: float, rows: Array) -> bool:
+    """Do as :func:`_marginal`, in ``kernels/factors.cpp``: see :data:`trackfg.factors.family.Kernel`."""
+    from trackfg.numerics import compiled
+
+    data = family.data
+    whole = rows if rows.shape[2] > 1 else np.empty((*rows.shape[:2], data["A"].shape[2] + 1))
+    origin, A, b, sigma = (kernel_argument(one[0]) for one in (data["sensor"], data["A"], data["b"], family.sigma))
+    sensor, keyframe = kernel_argument(states.sensor[: len(origin)]), int(family.slots[0].index[0])
+    origins = tuple(kernel_argument(data[name]) for name in _ORIGINS)
+    finite = compiled.marginal_prior(states.arrays, sensor, keyframe, origins, origin, A, b, sigma, whole[0])
+    if whole is not rows:
+        rows[:] = whole[:, :, -1:]
+    return finite
+
+
+@in_kernel(_rows_in_kernel)
+def _marginal(
     *values: Value, R: Array, p: Array, v: Array, A: Array, b: Array, **origins: Array
 ) -> tuple[Array, tuple[Array, ...]]:
     sensors = len(values) - len(_KINDS)
@@ -138,7 +157,7 @@ def marginal_prior(rows: Array, origin: States) -> Family:
     data = {"R": nav.R, "p": nav.p, "v": nav.v, **others, "A": rows[None, :, :-1], "b": rows[None, :, -1]}
     sensors = np.arange(len(origin.sensor))[:, None]
     slots = (*(Slot(kind, zero) for kind in _KINDS), *(Slot(Kind.SENSOR, j) for j in sensors))
-    return Family(FactorType.MARGINAL_PRIOR, _past, slots, data, np.ones((1, len(rows))))
+    return Family(FactorType.MARGINAL_PRIOR, _marginal, slots, data, np.ones((1, len(rows))))
 
 
 def delayed_position(rows: Array, origin: States) -> Family:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from trackfg.factors.factor_type import FactorType
-from trackfg.factors.family import Family
+from trackfg.factors.family import Family, in_kernel, linear_rows
 from trackfg.factors.linear import Slot
 from trackfg.factors.loss import Loss
 from trackfg.factors.states import Kind, Nav
@@ -48,6 +48,7 @@ def _turns(mount: Array) -> tuple[Array, ...]:
     return np.cos(pitch), np.sin(pitch), np.cos(yaw), np.sin(yaw), np.zeros(len(mount))
 
 
+@in_kernel(linear_rows("non_holonomic", "angular_rate", "lever_arm"))
 def _sideways(nav: Nav, mount: Array, angular_rate: Array, lever_arm: Array) -> tuple[Array, tuple[Array, ...]]:
     body = nav.own_velocity
     on_track = body - np.cross(angular_rate, lever_arm - tracking_point(mount))
@@ -74,6 +75,7 @@ def non_holonomic(index: np.ndarray, angular_rate: Array, lever_arm: Array, sigm
     return Family(FactorType.NON_HOLONOMIC, _sideways, slots, data, sigma, loss)
 
 
+@in_kernel(linear_rows("at_rest"))
 def _velocity(nav: Nav) -> tuple[Array, tuple[Array, ...]]:
     jacobian = np.concatenate([np.zeros((len(nav), 3, 6)), nav.R], axis=2)
     return nav.v, (jacobian,)
@@ -85,6 +87,7 @@ def at_rest(index: np.ndarray, sigma_mps: float, loss: Loss | None) -> Family:
     return Family(FactorType.AT_REST, _velocity, (Slot(Kind.NAV, index),), {}, sigma, loss)
 
 
+@in_kernel(linear_rows("standstill"))
 def _displacement(first: Nav, second: Nav) -> tuple[Array, tuple[Array, ...]]:
     relative = np.swapaxes(first.R, 1, 2) @ second.R
     turn = so3_log(relative)

@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from trackfg.factors.factor_type import FactorType
-from trackfg.factors.family import Family
+from trackfg.factors.family import Family, in_kernel, linear_rows
 from trackfg.factors.linear import Slot
 from trackfg.factors.loss import Loss
 from trackfg.factors.motion import mount_derivative, mount_matrix, tracking_point
@@ -32,6 +32,7 @@ ANY_DISTANCE_SD_M = 1e4
 """Sigma of the distance of an interval in which the wheel says nothing, m: any distance."""
 
 
+@in_kernel(linear_rows("distance_chain"))
 def _chain(first: Odo, second: Odo) -> tuple[Array, tuple[Array, ...]]:
     residual = np.stack([second.distance - first.distance - second.step, second.scale - first.scale], axis=1)
     d_first, d_second = np.zeros((2, len(first), 2, Kind.ODO.dim))
@@ -81,6 +82,7 @@ def tach_excess(scale: Array, counted: Array, distance: Array, explained: Array 
     return np.asarray(scale * counted - distance - explained)
 
 
+@in_kernel(linear_rows("tach_distance", "response"))
 def _wheel(first: Odo, second: Odo, wheel: Array, response: Array) -> tuple[Array, tuple[Array, ...]]:
     turned = second.count - first.count
     d_first, d_second = np.zeros((2, len(first), 1, Kind.ODO.dim))
@@ -101,6 +103,7 @@ def tach_distance(first: np.ndarray, response: Array, sigma: Array, loss: Loss |
     return Family(FactorType.TACH_DISTANCE, _wheel, slots, {"response": response}, sigma, loss)
 
 
+@in_kernel(linear_rows("tach_reading", "count", "rate", "since"))
 def _reading(odo: Odo, clock: Array, count: Array, rate: Array, since: Array) -> tuple[Array, tuple[Array, ...]]:
     offset = clock[:, 0] + clock[:, 1] * since[:, 0]
     d_odo, d_clock = np.zeros((len(odo), 1, Kind.ODO.dim)), np.zeros((len(odo), 1, Kind.CLOCK.dim))
@@ -121,6 +124,7 @@ def tach_reading(index: np.ndarray, count: Array, rate: Array, since: Array, sig
     return Family(FactorType.TACH_READING, _reading, slots, data, sigma)
 
 
+@in_kernel(linear_rows("arc_length", "lever_arm"))
 def _arc(first: Nav, second: Nav, odo: Odo, mount: Array, lever_arm: Array) -> tuple[Array, tuple[Array, ...]]:
     from_track = lever_arm - tracking_point(mount)
     chord = (second.p - np.einsum("mij,mj->mi", second.R, from_track)) - (
@@ -181,6 +185,7 @@ def arc_length(first: np.ndarray, lever_arm: Array, sigma: Array) -> Family:
     return Family(FactorType.ARC_LENGTH, _arc, slots, {"lever_arm": np.tile(lever_arm, (len(first), 1))}, sigma)
 
 
+@in_kernel(linear_rows("absolute_fix", "distance"))
 def _fix(odo: Odo, distance: Array) -> tuple[Array, tuple[Array, ...]]:
     jacobian = np.zeros((len(odo), 1, Kind.ODO.dim))
     jacobian[:, 0, Odo.DISTANCE] = 1.0

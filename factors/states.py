@@ -29,7 +29,7 @@ cost of elimination counts variables as well as dimensions.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from enum import Enum
 from functools import cache, cached_property, lru_cache
 from typing import TYPE_CHECKING
@@ -37,6 +37,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from trackfg.numerics.arrays import Array
+from trackfg.numerics.kernels import kernel_argument
 from trackfg.numerics.key_figures import Outlined
 from trackfg.numerics.rotations import so3_exp, so3_log
 
@@ -201,7 +202,8 @@ class States(Outlined):
 
     def take(self, rows: slice) -> States:
         """Return the keyframes of some rows, with the shared variables."""
-        return replace(self, nav=self.nav[rows], bias=self.bias[rows], odo=self.odo[rows])
+        nav, bias, odo = self.nav[rows], self.bias[rows], self.odo[rows]
+        return States(nav, bias, odo, self.mount, self.clock, self.imu, self.wheel, self.sensor)
 
     def joined(self, *later: States) -> States:
         """Return these keyframes, then the later ones; shared variables are those of the last."""
@@ -209,7 +211,14 @@ class States(Outlined):
         nav = Nav(*(np.concatenate([getattr(states.nav, part) for states in every]) for part in ("R", "p", "v")))
         bias = np.concatenate([states.bias for states in every])
         odo = Odo(np.concatenate([states.odo.array for states in every]))
-        return replace(every[-1], nav=nav, bias=bias, odo=odo)
+        last = every[-1]
+        return States(nav, bias, odo, last.mount, last.clock, last.imu, last.wheel, last.sensor)
+
+    @cached_property
+    def arrays(self) -> tuple[Array, ...]:
+        """All values as the compiled kernels take them, without those of further sensors."""
+        nav, others = self.nav, (self.bias, self.odo.array, self.mount, self.clock, self.imu, self.wheel)
+        return tuple(map(kernel_argument, (nav.R, nav.p, nav.v, *others)))
 
     def of(self, kind: Kind) -> Value:
         """Return all values of one kind."""

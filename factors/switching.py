@@ -22,6 +22,7 @@ from typing import NamedTuple
 import numpy as np
 
 from trackfg.numerics.arrays import Array
+from trackfg.numerics.kernels import compiled_kernels, kernel_argument
 
 OUTLIER_SIGMAS = 1e3
 """Sigma of the outlier state, in inlier sigmas. Finite, so that a variable measured only by outliers stays determined.
@@ -62,12 +63,16 @@ def chain_after(z: Array, chain: Chain) -> Chain:
     """Return the chain that goes on after errors z (n,), as far as these tell."""
     if len(z) == 0:
         return chain
+    if compiled_kernels():
+        return chain._replace(inlier_before=_in_kernel(z, chain)[1])
     first, second = _forward(_matrices(z, chain)[0], chain)[:, -1]
     return chain._replace(inlier_before=float(first / (first + second)))
 
 
 def first_state_probability(z: Array, chain: Chain) -> Array:
     """Return the probability that each error belongs to the first state, given all of them. Shape (n,)."""
+    if compiled_kernels():
+        return _in_kernel(z, chain)[0]
     matrices = _matrices(z, chain)[0]
     before = _forward(matrices, chain)
     reversed_ = np.swapaxes(matrices[:, :, ::-1], 0, 1)
@@ -75,6 +80,15 @@ def first_state_probability(z: Array, chain: Chain) -> Array:
     after[:, :-1] = _prefix_products(reversed_)[0].sum(axis=0)[:, ::-1][:, 1:]
     first, second = before * after
     return np.asarray(first / (first + second))
+
+
+def _in_kernel(z: Array, chain: Chain) -> tuple[Array, float]:
+    """Return the first state's probability of each error given all of them, and of the last: by a compiled kernel."""
+    from trackfg.numerics import compiled
+
+    first, (transition, stay_cost) = np.empty(len(z)), _transition(chain.width, chain.interval_s)
+    z = kernel_argument(z)
+    return first, compiled.switch_chain(z, transition, stay_cost, OUTLIER_SIGMAS, chain.inlier_before, first)
 
 
 @lru_cache

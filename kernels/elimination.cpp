@@ -1,12 +1,13 @@
 // Elimination of a chain of keyframes by Householder reflections, as trackfg/solver/elimination.py describes it.
 //
-// The matrix of a keyframe is kept by rows. A reflection is applied as w = v'A, A -= v w, row by row, and only to rows
-// whose entry in its column is not zero: what is carried from the keyframe before is a triangle already, and a factor
-// touches few of the columns. (Golub and Van Loan, "Matrix Computations", 4th ed., 5.1 and 5.2.)
+// Factors are read where they are: the matrix of a keyframe is made of what the one before left over and of its own
+// rows, one keyframe after the other.
 #include <cmath>
+#include <deque>
 #include <vector>
 
 #include "arrays.h"
+#include "reflections.h"
 
 namespace {
 
@@ -25,144 +26,203 @@ struct Layout {
     }
 };
 
-// Add `v[i] * row_i` of some rows to `sum` (n,), four rows at a time.
-inline void add_rows(double *sum, const double *const *rows, const double *v, std::ptrdiff_t count, std::ptrdiff_t n) {
-    std::ptrdiff_t i = 0;
-    for (; i + 4 <= count; i += 4) {
-        const double *a = rows[i], *b = rows[i + 1], *c = rows[i + 2], *d = rows[i + 3];
-        const double va = v[i], vb = v[i + 1], vc = v[i + 2], vd = v[i + 3];
-        for (std::ptrdiff_t j = 0; j < n; ++j) sum[j] += (va * a[j] + vb * b[j]) + (vc * c[j] + vd * d[j]);
-    }
-    for (; i < count; ++i)
-        for (std::ptrdiff_t j = 0; j < n; ++j) sum[j] += v[i] * rows[i][j];
-}
+// Factors of a family, in order of their first keyframes: see `eliminate` below.
+struct Family {
+    Family(PyObject *rows_, PyObject *first_, PyObject *places_, PyObject *dims_)
+        : rows(rows_, 3), first(first_, 1), places(places_, 2), dims(dims_, 1) {}
 
-// Make the first `pivots` columns of A (rows, columns) zero below the diagonal.
-WITH_VECTOR_UNITS
-void triangularise(double *A, std::ptrdiff_t rows, std::ptrdiff_t columns, std::ptrdiff_t pivots, double **touched,
-                   double *v, double *w) {
-    for (std::ptrdiff_t j = 0; j < pivots && j < rows; ++j) {
-        double *pivot = A + j * columns, below = 0.0;
-        std::ptrdiff_t count = 1;
-        for (std::ptrdiff_t i = j + 1; i < rows; ++i) {
-            const double entry = A[i * columns + j];
-            if (entry == 0.0) continue;
-            touched[count] = A + i * columns + j + 1;
-            v[count++] = entry;
-            below += entry * entry;
+    bool ok() const { return rows.ok() && first.ok() && places.ok() && dims.ok(); }
+
+    // Whether the arrays belong together and each factor lies in the window of its first keyframe.
+    bool fits(std::ptrdiff_t keyframes, const std::int64_t *width, std::ptrdiff_t shared) const {
+        const std::ptrdiff_t count = rows.size(0), slots = dims.size(0);
+        if (rows.size(1) < 1 || first.size(0) != count || places.size(0) != count || places.size(1) != slots) return false;
+        std::int64_t columns = 1, before = 0;
+        for (std::ptrdiff_t s = 0; s < slots; ++s) {
+            if (dims.data()[s] < 1 || dims.data()[s] > rows.size(2)) return false;
+            columns += dims.data()[s];
         }
-        if (count == 1) continue;  // zero below the diagonal already
-        const double length = std::copysign(std::sqrt(pivot[j] * pivot[j] + below), pivot[j]);
-        touched[0] = pivot + j + 1;
-        v[0] = pivot[j] + length;
-        const std::ptrdiff_t n = columns - j - 1;
-        for (std::ptrdiff_t c = 0; c < n; ++c) w[c] = 0.0;
-        add_rows(w, touched, v, count, n);
-        const double factor = 1.0 / (length * v[0]);  // 2 / v'v
-        for (std::ptrdiff_t c = 0; c < n; ++c) w[c] *= factor;
+        if (columns != rows.size(2)) return false;
         for (std::ptrdiff_t i = 0; i < count; ++i) {
-            const double vi = v[i];
-            double *row = touched[i];
-            for (std::ptrdiff_t c = 0; c < n; ++c) row[c] -= vi * w[c];
-            row[-1] = 0.0;
+            const std::int64_t k = first.data()[i];
+            if (k < before || k >= keyframes) return false;
+            before = k;
+            for (std::ptrdiff_t s = 0; s < slots; ++s) {
+                const std::int64_t place = places.data()[i * slots + s], dim = dims.data()[s];
+                if (place >= 0 ? place > width[k] - dim : place < -shared || -1 - place > shared - dim) return false;
+            }
         }
-        pivot[j] = -length;
+        return true;
     }
-}
 
-// Write R, S and d of a keyframe, with a positive diagonal. False where its triangle is singular.
-bool write_conditional(const double *A, std::ptrdiff_t width, const Layout &at, double indeterminate, double *R,
-                       double *S, std::ptrdiff_t S_columns, double *d) {
-    const std::ptrdiff_t K = at.keyframe, shared = at.tail - 1, columns = width + at.tail;
+    // How many rows the factors have whose first keyframe is `k`, the factors of earlier ones having been copied.
+    std::ptrdiff_t height(std::int64_t k) const {
+        std::ptrdiff_t i = next;
+        while (i < rows.size(0) && first.data()[i] == k) ++i;
+        return (i - next) * rows.size(1);
+    }
+
+    // Copy these into rows of A from `row` on; the window is `width` wide. Returns the row behind them.
+    std::ptrdiff_t copy(std::int64_t k, Rows &A, std::ptrdiff_t row, std::ptrdiff_t width, std::ptrdiff_t tail) {
+        const std::ptrdiff_t tall = rows.size(1), columns = rows.size(2), slots = dims.size(0);
+        for (; next < rows.size(0) && first.data()[next] == k; ++next)
+            for (std::ptrdiff_t r = 0; r < tall; ++r, ++row) {
+                const double *from = rows.data() + (next * tall + r) * columns;
+                for (std::ptrdiff_t s = 0; s < slots; ++s) {
+                    const std::int64_t place = places.data()[next * slots + s], dim = dims.data()[s];
+                    double *to = A.row(row) + (place >= 0 ? place : width - 1 - place);
+                    for (std::int64_t c = 0; c < dim; ++c) to[c] = from[c];
+                    from += dim;
+                }
+                A.row(row)[width + tail - 1] = *from;
+            }
+        return row;
+    }
+
+    const Doubles rows;
+    const Integers first, places, dims;
+    std::ptrdiff_t next = 0;
+};
+
+// Rows of the shared variables alone, of which never more are kept than a few times their columns.
+struct Alone {
+    Alone(std::ptrdiff_t tail_) : tail(tail_) { kept.shape(most(), tail); }
+
+    std::ptrdiff_t most() const { return 4 * tail; }
+
+    void add(const double *row, Workspace &work) {
+        if (count == most()) compress(work);
+        std::memcpy(kept.row(count++), row, tail * sizeof(double));
+    }
+
+    // Make them a triangle.
+    void compress(Workspace &work) {
+        triangularise(kept, count, tail, work);
+        count = count < tail ? count : tail;
+    }
+
+    const std::ptrdiff_t tail;
+    Rows kept;
+    std::ptrdiff_t count = 0;
+};
+
+// Where the conditional of a keyframe goes.
+struct Conditional {
+    double *R, *S, *d, *beyond;
+};
+
+// Write it, with a positive diagonal. False where its triangle is singular.
+bool write_conditional(Rows &A, std::ptrdiff_t width, const Layout &at, double indeterminate, const Conditional &out) {
+    const std::ptrdiff_t K = at.keyframe, shared = at.tail - 1;
     for (std::ptrdiff_t i = 0; i < K; ++i) {
-        const double *row = A + i * columns, sign = std::copysign(1.0, row[i]);
+        const double *row = A.row(i), sign = std::copysign(1.0, row[i]);
         double length = 0.0;
-        for (std::ptrdiff_t j = i; j < K; ++j) length += row[j] * row[j];
+        for (std::ptrdiff_t j = 0; j <= i; ++j) length += A.row(j)[i] * A.row(j)[i];
         if (!(std::abs(row[i]) > indeterminate * std::sqrt(length))) return false;
-        for (std::ptrdiff_t j = i; j < K; ++j) R[i * K + j] = sign * row[j];
-        double *out = S + i * S_columns;
-        for (std::ptrdiff_t j = 0; j < K; ++j) out[j] = sign * row[K + j];
-        for (std::ptrdiff_t j = 0; j < shared; ++j) out[K + j] = sign * row[width + j];
-        for (std::ptrdiff_t j = at.pair(); j < width; ++j) out[K + shared + j - at.pair()] = sign * row[j];
-        d[i] = sign * row[columns - 1];
+        for (std::ptrdiff_t j = i; j < K; ++j) out.R[i * K + j] = sign * row[j];
+        double *S = out.S + i * (K + shared);
+        for (std::ptrdiff_t j = 0; j < K; ++j) S[j] = sign * row[K + j];
+        for (std::ptrdiff_t j = 0; j < shared; ++j) S[K + j] = sign * row[width + j];
+        for (std::ptrdiff_t j = at.pair(); j < width; ++j) out.beyond[(j - at.pair()) * K + i] = sign * row[j];
+        out.d[i] = sign * row[width + shared];
     }
     return true;
 }
 
 }  // namespace
 
-// eliminate(rows, starts, widths, (nav_start, nav_dim), indeterminate, left, R, S, d, alone) -> (left rows, alone rows)
+// eliminate(widths, (nav_start, nav_dim), indeterminate, left, left rows, R, S, d, beyond, alone, *families)
+//     -> (left rows, alone rows)
 //
-// rows (m, widest + tail): of n keyframes, those of keyframe k from starts[k] to starts[k + 1]; widths (n + 2,): of the
-// windows of the keyframe before the first, of the n, and of the one after, which is 0 where the chain ends. left
-// (rows, ...): what the keyframe before left over, as many of its rows as left_rows, overwritten by what is left over
-// in the end. R (n, K, K), S (n, K, ...) and d (n, K) come zeroed; alone (rows, tail) takes rows of the shared variables
-// alone. None where the rows do not determine a keyframe.
+// Of n keyframes. widths (n + 2,): of the windows of the keyframe before the first, of the n, and of the one after,
+// which is 0 where the chain ends. left (rows, ...): what the keyframe before left over, as many of its rows as
+// left_rows, overwritten by what is left over in the end. R (n, K, K) comes zeroed; S (n, K, K + tail - 1), d (n, K) and
+// beyond (columns of all windows beyond two keyframes, K) need not; alone (tail, tail) takes a triangle of the rows of
+// the shared variables alone. Each family is four arrays: rows (m, r, columns) [A b]; first (m,), ascending, the
+// keyframe of each; places (m, slots), the column of the window at which each slot's variables begin, or -1 - the column
+// behind the window where they are shared; dims (slots,). None where the rows do not determine a keyframe.
 PyObject *eliminate(PyObject *, PyObject *arguments) {
-    PyObject *py_rows, *py_starts, *py_widths, *py_left, *py_R, *py_S, *py_d, *py_alone;
+    constexpr Py_ssize_t OWN = 10, OF_FAMILY = 4;
+    const Py_ssize_t given = PyTuple_Size(arguments);
+    if (given < OWN || (given - OWN) % OF_FAMILY != 0) return refused("families");
+    PyObject *own = PyTuple_GetSlice(arguments, 0, OWN);
+    if (own == nullptr) return nullptr;
+    PyObject *py_widths, *py_left, *py_R, *py_S, *py_d, *py_beyond, *py_alone;
     Py_ssize_t nav_start, nav, left_rows;
     double indeterminate;
-    if (!PyArg_ParseTuple(arguments, "OOO(nn)dOnOOOO", &py_rows, &py_starts, &py_widths, &nav_start, &nav,
-                          &indeterminate, &py_left, &left_rows, &py_R, &py_S, &py_d, &py_alone))
-        return nullptr;
-    const Doubles rows(py_rows, 2);
-    const Integers starts(py_starts, 1), widths(py_widths, 1);
-    const Doubles left(py_left, 1, true), R(py_R, 3, true), S(py_S, 3, true), d(py_d, 2, true), alone(py_alone, 2, true);
-    if (!rows.ok() || !starts.ok() || !widths.ok() || !left.ok() || !R.ok() || !S.ok() || !d.ok() || !alone.ok())
-        return nullptr;
+    const int parsed = PyArg_ParseTuple(own, "O(nn)dOnOOOOO", &py_widths, &nav_start, &nav, &indeterminate, &py_left,
+                                        &left_rows, &py_R, &py_S, &py_d, &py_beyond, &py_alone);
+    Py_DECREF(own);  // the arguments have references, too
+    if (!parsed) return nullptr;
+    const Integers widths(py_widths, 1);
+    const Doubles left(py_left, 1, true), R(py_R, 3, true), S(py_S, 3, true), d(py_d, 2, true);
+    const Doubles beyond(py_beyond, 2, true), alone(py_alone, 2, true);
+    if (!widths.ok() || !left.ok() || !R.ok() || !S.ok() || !d.ok() || !beyond.ok() || !alone.ok()) return nullptr;
     const std::ptrdiff_t n = R.size(0);
     const Layout at{R.size(1), nav_start, nav, alone.size(1)};
     const std::ptrdiff_t K = at.keyframe, tail = at.tail;
-    if (starts.size(0) != n + 1 || widths.size(0) != n + 2 || S.size(0) != n || S.size(1) != K || d.size(0) != n ||
-        d.size(1) != K || R.size(2) != K || tail < 1 || nav_start < 0 || nav < 1 || nav > K - nav_start)
+    if (widths.size(0) != n + 2 || S.size(0) != n || S.size(1) != K || d.size(0) != n || d.size(1) != K ||
+        R.size(2) != K || tail < 1 || S.size(2) != K + tail - 1 || beyond.size(1) != K || alone.size(0) != tail ||
+        nav_start < 0 || nav < 1 || nav > K - nav_start)
         return refused("keyframes");
-    const std::int64_t *start = starts.data(), *width = widths.data() + 1;
-    std::ptrdiff_t tallest = 0, widest = at.pair();
+    const std::int64_t *width = widths.data() + 1;
+    std::ptrdiff_t widest = at.pair(), columns_beyond = 0;
     for (std::ptrdiff_t k = -1; k <= n; ++k) {
-        const bool inside = k >= 0 && k < n, end_of_chain = k == n && width[k] == 0;
+        const bool end_of_chain = k == n && width[k] == 0;
         if (!end_of_chain && (width[k] < at.pair() || (width[k] - at.pair()) % nav != 0)) return refused("widths");
         if (k >= 0 && width[k] < width[k - 1] - nav && !end_of_chain) return refused("widths of neighbours");
         widest = width[k] > widest ? width[k] : widest;
-        if (!inside) continue;
-        if (start[k] < 0 || start[k + 1] < start[k] || start[k + 1] > rows.size(0)) return refused("starts");
-        if (width[k] > rows.size(1) - tail || width[k] > S.size(2) + K - tail + 1) return refused("columns");
-        const std::ptrdiff_t tall = start[k + 1] - start[k];
-        tallest = tall > tallest ? tall : tallest;
+        if (k < 0 || k == n) continue;
+        if (width[k] - at.pair() > beyond.size(0)) return refused("rows beyond");
+        columns_beyond += width[k] - at.pair();
     }
+    if (beyond.size(0) != columns_beyond) return refused("rows beyond");
     const std::ptrdiff_t most_left = widest - K;
     if (left_rows < 0 || left_rows > most_left || most_left > left.total() ||
         left.total() < most_left * (most_left + tail))
         return refused("rows left over");
-    if (alone.size(0) < rows.size(0) + left_rows) return refused("rows alone");
+    std::deque<Family> families;
+    for (Py_ssize_t i = OWN; i < given; i += OF_FAMILY) {
+        families.emplace_back(PyTuple_GetItem(arguments, i), PyTuple_GetItem(arguments, i + 1),
+                              PyTuple_GetItem(arguments, i + 2), PyTuple_GetItem(arguments, i + 3));
+        if (!families.back().ok()) return nullptr;
+        if (!families.back().fits(n, width, tail - 1)) return refused("factors of a family");
+    }
 
     bool determined = true;
     std::ptrdiff_t alone_rows = 0;
     Py_BEGIN_ALLOW_THREADS;
-    const std::ptrdiff_t most_rows = most_left + tallest;
-    std::vector<double> A(most_rows * (widest + tail)), v(most_rows + 1), w(widest + tail);
-    std::vector<double *> touched(most_rows + 1);
+    Rows A;
+    Workspace work;
+    Alone rest(tail);
+    double *own_beyond = beyond.data();
     for (std::ptrdiff_t k = 0; k < n && determined; ++k) {
-        const std::ptrdiff_t columns = width[k] + tail, own = start[k + 1] - start[k], total = left_rows + own;
-        const std::ptrdiff_t left_columns = width[k - 1] - K + tail;
-        std::memset(A.data(), 0, left_rows * columns * sizeof(double));
-        for (std::ptrdiff_t i = 0; i < left_rows; ++i)
-            for (std::ptrdiff_t c = 0; c < left_columns; ++c)
-                A[i * columns + at.in_next(c, width[k - 1], width[k])] = left.data()[i * left_columns + c];
-        for (std::ptrdiff_t i = 0; i < own; ++i)
-            std::memcpy(&A[(left_rows + i) * columns], rows.data() + (start[k] + i) * rows.size(1),
-                        columns * sizeof(double));
+        const std::ptrdiff_t columns = width[k] + tail, left_columns = width[k - 1] - K + tail;
+        std::ptrdiff_t total = left_rows;
+        for (const Family &one : families) total += one.height(k);
+        A.shape(total > K ? total : K, columns);
+        for (std::ptrdiff_t i = 0; i < left_rows; ++i) {
+            const double *from = left.data() + i * left_columns;
+            for (std::ptrdiff_t c = 0; c < left_columns; ++c) A.row(i)[at.in_next(c, width[k - 1], width[k])] = from[c];
+        }
+        std::ptrdiff_t row = left_rows;
+        for (Family &one : families) row = one.copy(k, A, row, width[k], tail);
         const std::ptrdiff_t pivots = width[k + 1] == 0 ? K : width[k];  // behind the last keyframe nothing is carried
-        triangularise(A.data(), total, columns, pivots, touched.data(), v.data(), w.data());
-        determined = total >= K && write_conditional(A.data(), width[k], at, indeterminate, R.data() + k * K * K,
-                                                     S.data() + k * K * S.size(2), S.size(2), d.data() + k * K);
+        triangularise(A, total, pivots, work);
+        const Conditional out{R.data() + k * K * K, S.data() + k * K * S.size(2), d.data() + k * K, own_beyond};
+        determined = total >= K && write_conditional(A, width[k], at, indeterminate, out);
         if (!determined) break;
+        own_beyond += (width[k] - at.pair()) * K;
         const std::ptrdiff_t end = total < pivots ? total : pivots;
         left_rows = end - K;
         for (std::ptrdiff_t i = 0; i < left_rows; ++i)
-            std::memcpy(left.data() + i * (columns - K), &A[(K + i) * columns + K], (columns - K) * sizeof(double));
-        for (std::ptrdiff_t i = end; i < total; ++i)
-            std::memcpy(alone.data() + tail * alone_rows++, &A[i * columns + width[k]], tail * sizeof(double));
+            std::memcpy(left.data() + i * (columns - K), A.row(K + i) + K, (columns - K) * sizeof(double));
+        for (std::ptrdiff_t i = end; i < total; ++i) rest.add(A.row(i) + width[k], work);
     }
+    rest.compress(work);
+    alone_rows = rest.count;
+    for (std::ptrdiff_t i = 0; i < alone_rows; ++i)
+        std::memcpy(alone.data() + i * tail, rest.kept.row(i), tail * sizeof(double));
     Py_END_ALLOW_THREADS;
     if (!determined) Py_RETURN_NONE;
     return Py_BuildValue("nn", left_rows, alone_rows);

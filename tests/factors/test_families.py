@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
 import gtsam
 import numpy as np
 import pytest
@@ -25,6 +29,7 @@ from trackfg.factors.states import KEYFRAME_DIM, SHARED_DIM, Kind, Nav, Odo, Sta
 from trackfg.numerics.rotations import so3_exp
 
 KEYFRAMES = 6
+WithBoth = Callable[[Callable[[], Any]], tuple[Any, Any]]
 
 
 def random_states(seed: int, spread: float = 1.0) -> States:
@@ -124,6 +129,45 @@ def test_jacobians_match_numerical_ones(i: int, seed: int, spread: float) -> Non
     if family.type is FactorType.PRIOR_NAV:
         spread = min(spread, 0.5)
     check_jacobians(family, random_states(seed, spread), rtol=1e-5, atol=1e-6)
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("spread", [0.0, 1e-4, 0.02, 0.5])
+@pytest.mark.parametrize(
+    "loss", [None, Huber(0.5), Cauchy(2.0), SwitchChain(3.5)], ids=lambda loss: type(loss).__name__
+)
+def test_kernels_compute_what_numpy_does(seed: int, spread: float, loss: Loss | None, with_both: WithBoth) -> None:
+    """Rows, residuals, weights and costs, of families that have a kernel and of those that have none."""
+    states = random_states(seed, spread)
+
+    def computed(family: Family) -> tuple[Any, ...]:
+        return family.linearize(states).rows, family.whitened(states), family.weights(states), family.cost(states)
+
+    for family in families(seed, loss):
+        ours, theirs = with_both(lambda family=family: computed(family))
+        for found, expected in zip(ours, theirs, strict=True):
+            scale = max(1.0, float(np.abs(expected).max()))
+            np.testing.assert_allclose(found, expected, rtol=1e-10, atol=1e-11 * scale, err_msg=family.name)
+
+
+def test_a_kernel_takes_measurements_as_they_lie_in_memory(with_both: WithBoth) -> None:
+    """Transposed, or every second one."""
+    states, family = random_states(0), families(0)[0]
+    rate = np.asfortranarray(family.data["angular_rate"])
+    for one in (family.with_data(angular_rate=rate), family.take(slice(None, None, 2))):
+        ours, theirs = with_both(lambda one=one: one.linearize(states).rows)
+        np.testing.assert_allclose(ours, theirs, rtol=1e-10, atol=1e-11)
+
+
+def test_residuals_that_are_not_finite_are_refused(kernels: str) -> None:
+    """Nor are those beyond all bounds."""
+    states = random_states(0)
+    far = replace(states, nav=Nav(states.nav.R, states.nav.p, np.full_like(states.nav.v, 1e200)))
+    with (
+        np.errstate(over="ignore"),
+        pytest.raises(ValueError, match="non-holonomic: residual or Jacobian is not finite"),
+    ):
+        families(0)[0].linearize(far)
 
 
 def test_checker_finds_a_wrong_jacobian() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
@@ -268,6 +269,20 @@ def test_kernels_take_views_into_bytes() -> None:
     taken = kernel_argument(view)
     assert (memoryview(taken).format, taken.flags.aligned) == ("d", True)
     np.testing.assert_array_equal(taken, numbers)
+
+
+def test_kernels_take_numbers_of_a_declared_byte_order() -> None:
+    compiled = pytest.importorskip("trackfg.numerics.compiled")
+    t, edges, samples = np.array([1.5]), np.arange(4.0), np.arange(9.0).reshape(3, 3)
+    means, again = np.empty((1, 3)), np.empty((1, 3))
+    compiled.means_around(t, 1.0, edges, samples, means)
+    declared = samples.view(np.dtype(np.float64).newbyteorder(sys.byteorder))
+    assert memoryview(declared).format in ("<d", ">d")
+    compiled.means_around(t, 1.0, edges, kernel_argument(declared), again)
+    np.testing.assert_array_equal(again, means)
+    swapped = samples.astype(np.dtype(np.float64).newbyteorder())
+    compiled.means_around(t, 1.0, edges, kernel_argument(swapped), again)
+    np.testing.assert_array_equal(again, means)
 
 
 def test_kernels_refuse_arrays_that_do_not_belong_together(turning: tuple[InertialFactors, States]) -> None:

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
+import pytest
 
 from trackfg.factors.checking import check_jacobians
 from trackfg.factors.marginal_prior import (
@@ -79,6 +82,23 @@ def test_jacobians() -> None:
     origin = one_keyframe(rng)
     family = marginal_prior(rng.standard_normal((DIM, DIM + 1)), origin)
     check_jacobians(family, retract_in_chart(origin, a_step(rng, 0.2)), rtol=1e-6, atol=1e-6)
+
+
+@pytest.mark.parametrize("sensors", [0, 2])
+def test_the_kernel_computes_what_numpy_does(
+    sensors: int, with_both: Callable[[Callable[[], Any]], tuple[Any, Any]]
+) -> None:
+    """On a keyframe that is not the first, and far from the linearisation point."""
+    rng = np.random.default_rng(3)
+    origin = replace(one_keyframe(rng), sensor=rng.standard_normal((sensors, 2)))
+    dim = DIM + 2 * sensors
+    step = a_step(rng, 0.2)
+    step = Step(step.keyframes, np.append(step.shared, 0.2 * rng.standard_normal(2 * sensors)))
+    family = marginal_prior(rng.standard_normal((dim, dim + 1)), origin).shifted(1)
+    states = origin.joined(retract_in_chart(origin, step))
+    ours, theirs = with_both(lambda: (family.linearize(states).rows, family.whitened(states)))
+    for found, expected in zip(ours, theirs, strict=True):
+        np.testing.assert_allclose(found, expected, rtol=1e-10, atol=1e-10)
 
 
 def test_a_past_elsewhere_has_lost_the_distance_alone() -> None:

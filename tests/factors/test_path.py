@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from trackfg.factors.bias import OF_GYRO_RATE
 from trackfg.factors.family import Family
 from trackfg.factors.motion import mount_matrix
 from trackfg.factors.path import follows_path
@@ -100,6 +101,21 @@ def test_steady_bias_is_not_seen(axis: int) -> None:
     residual = factor(biased, distance, ends(samples)).residual(states(nav))
     bend = 0.5 * 1e-3 * 1.0 * distance[-1]
     assert np.abs(residual).max() < 0.02 * bend
+
+
+@pytest.mark.parametrize("row", range(3))
+def test_axes_of_the_gyro_that_are_not_square_are_no_direction_of_travel(row: int) -> None:
+    """What the gyro adds of its rates is taken out of the path in between, too: of second order is what is left."""
+    samples, distance, nav = wobbly(1.0, 20.0)
+    W = np.zeros((3, 3))
+    W[row] = [0.01, -0.008, 0.006]
+    askew = Intervals(samples.edges, samples.gyro @ (np.eye(3) + W).T, samples.accel, samples.bridged)
+    family, known = factor(askew, distance, ends(samples)), states(nav)
+    known.imu[0, OF_GYRO_RATE] = W.ravel()
+    left, without = (np.abs(family.residual(one)).max() for one in (known, states(nav)))
+    assert left < 1e-4
+    if row > 0:  # about the direction of travel itself a turn bends no path
+        assert without > 3.0 * left
 
 
 def test_noise_of_the_gyro_leaves_a_bridge_that_is_independent_of_the_turn() -> None:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -48,6 +51,17 @@ def test_doubling_equals_the_recursions(n: int) -> None:
     at_zero, _ = by_loops(np.zeros(n))
     assert chain_cost(z, CHAIN) == pytest.approx(cost - at_zero, abs=1e-8)
     np.testing.assert_allclose(first_state_probability(z, CHAIN), probability, atol=1e-12)
+
+
+@pytest.mark.parametrize("n", [1, 2, 64, 1000])
+@pytest.mark.parametrize("before", [1.0, 0.3, 0.0])
+def test_the_kernel_finds_what_numpy_does(
+    n: int, before: float, with_both: Callable[[Callable[[], Any]], tuple[Any, Any]]
+) -> None:
+    chain, z = Chain(WIDTH, 0.5, before), errors(n)
+    ours, theirs = with_both(lambda: (chain_weights(z, chain), chain_after(z, chain).inlier_before))
+    for found, expected in zip(ours, theirs, strict=True):
+        np.testing.assert_allclose(found, expected, rtol=1e-11, atol=1e-15)
 
 
 def test_weight_is_the_slope_of_the_cost_over_the_error() -> None:

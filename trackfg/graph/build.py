@@ -64,6 +64,16 @@ class Problem(KeyFigures):
     """A problem is a graph to be solved, and what is needed to interpret the solution.
 
     docs/graph.md shows how to look into it, add to it, and take it to GTSAM.
+
+    Examples
+    --------
+    >>> import trackfg
+    >>> from trackfg.graph import build_problem
+    >>> problem = build_problem(trackfg.read_recording("run1"), trackfg.SmoothConfig())
+    >>> len(problem.t)  # keyframes
+    38
+    >>> problem.errors(problem.initial).columns.tolist()
+    ['factor', 'first_s', 'last_s', 'sigmas', 'weight', 'error']
     """
 
     run: RunContext

@@ -28,6 +28,15 @@ class Variable(NamedTuple):
 
     ``number`` is that of the keyframe, and ``t_s`` its time, s; of a variable that the whole run shares, ``number`` is
     that among those of its kind (further sensors have one each), and ``t_s`` is None.
+
+    Examples
+    --------
+    >>> import trackfg
+    >>> from trackfg.graph import build_problem
+    >>> exported = build_problem(trackfg.read_recording("run1"), trackfg.SmoothConfig()).to_gtsam()
+    >>> variable = exported.variable(exported.values.keys()[0])
+    >>> variable.kind.name, variable.number
+    ('BIAS', 0)
     """
 
     kind: Kind
@@ -50,6 +59,14 @@ class GtsamProblem(Outlined):
         Times of the keyframes, s.
     sensors : int
         Number of further sensors of distance and speed.
+
+    Examples
+    --------
+    >>> import trackfg
+    >>> from trackfg.graph import build_problem
+    >>> exported = build_problem(trackfg.read_recording("run1"), trackfg.SmoothConfig()).to_gtsam()
+    >>> exported.graph.size() > 100
+    True
     """
 
     graph: gtsam.NonlinearFactorGraph

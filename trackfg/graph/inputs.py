@@ -134,8 +134,9 @@ class GraphInputs(Outlined):
         return self._mean(vibration_power(self.data))
 
     def _mean(self, samples: Array) -> Array:
-        total = np.vstack([np.zeros(3), np.cumsum(samples * self.data.durations[:, None], axis=0)])
-        return np.asarray(np.diff(total[self.edges], axis=0) / self.durations[:, None])
+        begin, end = self.edges[[0, -1]]
+        weighted = samples[begin:end] * self.data.durations[begin:end, None]
+        return np.add.reduceat(weighted, self.edges[:-1] - begin) / self.durations[:, None]
 
     @cached_property
     def distance(self) -> Array:

@@ -104,12 +104,14 @@ def imu_grade(path: InitialPath, noise: ImuNoise) -> Array:
     """Return how many times worse than declared each calibration of an inertial sensor is, at most ten times. (dim,)
 
     Within a class of sensors what is large is large together: an accelerometer whose bias is 50 mg has a scale that is
-    off by 1 %. A gyro's own bias shows the class of the gyro.
+    off by 1 %. A gyro's own bias shows the class of the gyro. Where either is beyond what the worst of one kind have
+    (:data:`CALIBRATION_FACTOR`), the whole sensor is of another kind than declared: both are in one package.
     """
     ratio = _bias_prior(path, noise)[1] / _declared_bias_sd(noise)
+    accel, gyro = ratio[:3].max(), ratio[3:5].max()  # the vertical one's sigma may be that of a guess by tracks
+    of_another_kind = max(accel, gyro) > CALIBRATION_FACTOR
     grade = np.ones(Kind.IMU.dim)
-    grade[OF_ACCELEROMETER] = ratio[:3].max()
-    grade[OF_GYRO] = ratio[3:5].max()  # the vertical one's sigma may be that of a guess by what tracks are like
+    grade[OF_ACCELEROMETER], grade[OF_GYRO] = (max(accel, gyro),) * 2 if of_another_kind else (accel, gyro)
     return np.clip(grade, 1.0, CALIBRATION_FACTOR)
 
 

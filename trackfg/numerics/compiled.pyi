@@ -8,8 +8,6 @@ REVISION: int
 DELTA_SIZE: int
 
 def eliminate(
-    rows: Array,
-    starts: np.ndarray,
     widths: np.ndarray,
     nav: tuple[int, int],
     indeterminate: float,
@@ -18,13 +16,99 @@ def eliminate(
     R: Array,
     S: Array,
     d: Array,
+    beyond: Array,
     alone: Array,
     /,
+    *families: np.ndarray,
 ) -> tuple[int, int] | None: ...
+def back_substitute(
+    R: Array, S: Array, beyond: Array, ahead: np.ndarray, nav: tuple[int, int], shared: Array, x: Array, /
+) -> None: ...
+def forward_substitute(
+    R: Array, S: Array, beyond: Array, ahead: np.ndarray, nav: tuple[int, int], shared: Array, x: Array, /
+) -> None: ...
+def covariances(
+    R: Array,
+    S: Array,
+    beyond: Array,
+    ahead: np.ndarray,
+    nav: tuple[int, int],
+    shared: Array,
+    own: Array,
+    gain: Array,
+    wanted: np.ndarray,
+    windows: Array,
+    /,
+) -> None: ...
 def preintegrate(
     frame: Array, bias: Array, noise: Array, duration: Array, rotation: Array, velocity: Array, delta: Array, /
 ) -> None: ...
 def inertial_factors(deltas: Array, R: Array, p: Array, v: Array, bias: Array, rows: Array, /) -> None: ...
 def predict(delta: Array, R: Array, p: Array, v: Array, bias: Array, end: Array, /) -> None: ...
+def noise_floor(
+    edges: Array,
+    gyro: Array,
+    accel: Array,
+    bridged: np.ndarray,
+    starts: np.ndarray,
+    length: int,
+    dt: float,
+    limits: Array,
+    seen: Array,
+    lost_rows: np.ndarray,
+    lost: Array,
+    shock_rows: np.ndarray,
+    shock: Array,
+    /,
+) -> tuple[int, int]: ...
+def compress(
+    edges: Array,
+    gyro: Array,
+    accel: Array,
+    starts: np.ndarray,
+    bias: Array,
+    duration: Array,
+    rotation: Array,
+    velocity: Array,
+    /,
+) -> None: ...
+def turning(
+    edges: Array,
+    gyro: Array,
+    keyframes: np.ndarray,
+    bias: Array,
+    distance: Array,
+    at_rest: float,
+    turn: Array,
+    mean: Array,
+    mean_by_time: Array,
+    /,
+) -> None: ...
+def means_around(t: Array, width: float, edges: Array, samples: Array, means: Array, /) -> None: ...
+def linear_rows(
+    type: str,
+    values: tuple[Array, ...],
+    indices: tuple[np.ndarray, ...],
+    data: tuple[Array, ...],
+    sigma: Array,
+    width: float,
+    rows: Array,
+    /,
+) -> bool: ...
+def marginal_prior(
+    values: tuple[Array, ...],
+    sensor: Array,
+    keyframe: int,
+    origins: tuple[Array, ...],
+    sensor_origins: Array,
+    A: Array,
+    b: Array,
+    sigma: Array,
+    rows: Array,
+    /,
+) -> bool: ...
+def switch_chain(
+    z: Array, transition: Array, stay_cost: float, outlier: float, inlier_before: float, first: Array, /
+) -> float: ...
 def spill(table: object, file: int, budget: int, limit: int, /) -> object: ...
 def unspill(table: object, handler: object, /) -> None: ...

@@ -28,8 +28,8 @@ _E2 = _F * (2.0 - _F)
 """Semi-minor axis, m, and squared eccentricity of the ellipsoid."""
 _CORRECTIONS = 6
 """Rounds of :func:`enu_to_geodetic` at most: each leaves 6e-5 of the error, so six reach the last bit."""
-_SETTLED_M = 1e-9
-"""Rounds end when heights are right to this: the last bits of an Earth's radius."""
+_SETTLED_M = 4e-9
+"""Rounds end when heights are right to this: four last bits of an Earth's radius (9e-10 m)."""
 
 
 def normal_gravity(latitude_deg: float, height_m: float = 0.0) -> float:
@@ -92,32 +92,39 @@ def ecef_to_geodetic(ecef: Array) -> Array:
     Bowring, "Transformation from spatial to geographical coordinates", Survey Review 23 (1976), applied twice: better
     than 1e-9 m within 100 km of the surface.
     """
-    x, y, z = ecef[..., 0], ecef[..., 1], ecef[..., 2]
+    latitude, longitude, height = _geodetic(ecef[..., 0], ecef[..., 1], ecef[..., 2])
+    return np.stack([np.degrees(latitude), np.degrees(longitude), height], axis=-1)
+
+
+def _geodetic(x: Array, y: Array, z: Array) -> tuple[Array, Array, Array]:
+    """Return latitude and longitude, rad, and height, m. Sine and cosine come from the sides of their triangle."""
     p = np.hypot(x, y)
-    reduced = np.arctan2(z * _A, p * _B)
+    opposite, adjacent = z * _A, p * _B
+    second = _E2 / (1.0 - _E2)
     for _ in range(2):
-        second = _E2 / (1.0 - _E2)
-        latitude = np.arctan2(z + second * _B * np.sin(reduced) ** 3, p - _E2 * _A * np.cos(reduced) ** 3)
-        reduced = np.arctan2((1.0 - _F) * np.sin(latitude), np.cos(latitude))
-    sin, cos = np.sin(latitude), np.cos(latitude)
+        length = np.hypot(opposite, adjacent)
+        sin, cos = opposite / length, adjacent / length  # of the reduced latitude
+        above, beside = z + second * _B * (sin * sin * sin), p - _E2 * _A * (cos * cos * cos)
+        opposite, adjacent = (1.0 - _F) * above, beside
+    length = np.hypot(above, beside)
+    sin, cos = above / length, beside / length
     height = p * cos + z * sin - _A * np.sqrt(1.0 - _E2 * sin * sin)
-    return np.stack([np.degrees(latitude), np.degrees(np.arctan2(y, x)), height], axis=-1)
+    return np.arctan2(above, beside), np.arctan2(y, x), height
 
 
 def enu_to_geodetic(enu: Array, origin: tuple[float, float, float]) -> Array:
     """Convert positions in the level frame about ``origin`` to (latitude deg, longitude deg, height m). Shape (...,
     3).
     """
-    place = np.asarray(origin)
-    rotation = ecef_from_enu(origin[0], origin[1])
-    centre = geodetic_to_ecef(place)
-    height = origin[2] + enu[..., 2]
-    plane = np.array(enu, dtype=np.float64)
-    geodetic = plane
+    R, centre = ecef_from_enu(origin[0], origin[1]), geodetic_to_ecef(np.asarray(origin))
+    east, north, up = (np.array(enu[..., i], dtype=np.float64) for i in range(3))
+    height = origin[2] + up
+    up = up - (east * east + north * north) / (2.0 * EARTH_RADIUS)
     for _ in range(_CORRECTIONS):
-        geodetic = ecef_to_geodetic(centre + plane @ rotation.T)
-        error = height - geodetic[..., 2]
+        x, y, z = (centre[i] + R[i, 0] * east + R[i, 1] * north + R[i, 2] * up for i in range(3))
+        latitude, longitude, found = _geodetic(x, y, z)
+        error = height - found
         if np.all(np.abs(error) <= _SETTLED_M):
             break
-        plane[..., 2] += error
-    return geodetic
+        up = up + error
+    return np.stack([np.degrees(latitude), np.degrees(longitude), found], axis=-1)

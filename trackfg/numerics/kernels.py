@@ -13,7 +13,7 @@ import numpy as np
 
 from trackfg.numerics.arrays import Array
 
-_REVISION = 3
+_REVISION = 9
 """Revision of the kernels' arguments, as in ``kernels/module.cpp``. A module with another one was compiled from other
 sources and is not used.
 """
@@ -33,6 +33,9 @@ def kernel_argument(values: Array) -> Array:
     """Return numbers as the kernels take them: doubles in C order at addresses that a processor reads at once, which
     views into the bytes of a file need not be.
     """
+    flags = values.flags
+    if values.dtype == np.float64 and flags.c_contiguous and flags.aligned:
+        return values
     return np.require(values, np.float64, ["C_CONTIGUOUS", "ALIGNED"])
 
 

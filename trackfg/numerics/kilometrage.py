@@ -158,6 +158,18 @@ class Kilometrage:
             for text, p, many, k in zip(texts, part.tolist(), several.tolist(), known.tolist(), strict=True)
         ]
 
+    def round_places(self, from_m: float, to_m: float, step_m: float) -> Array:
+        """Return the chainages between two whose official places are multiples of a step, m, ascending (n,)."""
+        found = []
+        edges = [-math.inf, *self._from[1:].tolist(), math.inf]
+        for stretch, begin, end in zip(self.stretches, edges, edges[1:], strict=False):
+            low, high = max(from_m, begin), min(to_m, end)
+            if low < high:
+                least, greatest = sorted((stretch.official_at(low), stretch.official_at(high)))
+                steps = np.arange(math.ceil(least / step_m), math.floor(greatest / step_m) + 1, dtype=np.float64)
+                found.append(np.sort(stretch.chainage_of(np.asarray(step_m * steps))))
+        return np.concatenate(found) if found else np.zeros(0)
+
     def read(self, text: str) -> float:
         """Return the chainage of a written place, m: ``12+345.6``, ``12.3456``, ``km 12,3456``, with its part where it
         needs one. A bare number is in kilometres.

@@ -1,4 +1,4 @@
-"""Places along a line as people write them: ``12+345.6``, ``km 12,345``, ``12345 m``, ``12 mi 34 ch``."""
+"""Places along a line as people write them: ``12+345.6``, ``12k345``, ``km 12,345``, ``12345 m``, ``12 mi 34 ch``."""
 
 from __future__ import annotations
 
@@ -12,8 +12,13 @@ from trackfg.numerics.arrays import Array
 KmNotation = Literal["km+m", "km"]
 """``12+345.67`` or ``12.34567``."""
 
-_PLUS = re.compile(r"^(?:km\s*)?(?P<sign>-)?(?P<km>\d+(?:\.\d+)?)\s*\+\s*(?P<m>-?\d+(?:\.\d+)?)\s*m?$", re.IGNORECASE)
-_KM = re.compile(r"^(?:km\s*(?P<a>-?\d+(?:\.\d+)?)|(?P<b>-?\d+(?:\.\d+)?)\s*km)$", re.IGNORECASE)
+_WORD = r"(?:km|pk|kp|p\.k\.)\.?\s*"
+"""What stands before an official place: ``km 12+345``, ``PK 12+345``."""
+_PLUS = re.compile(
+    rf"^(?:{_WORD})?(?P<sign>-)?(?P<km>\d+(?:\.\d+)?)\s*(?:\+|km?)\s*(?P<m>(?:(?<=\+)-|(?<=\+ )-)?\d+(?:\.\d+)?)\s*m?$",
+    re.IGNORECASE,
+)
+_KM = re.compile(rf"^(?:{_WORD}(?P<a>-?\d+(?:\.\d+)?)|(?P<b>-?\d+(?:\.\d+)?)\s*km)$", re.IGNORECASE)
 _M = re.compile(r"^(?P<m>-?\d+(?:\.\d+)?)\s*(?P<unit>m?)$", re.IGNORECASE)
 _MILES = re.compile(
     r"^(?:mp\s*)?(?P<mi>\d+(?:\.\d+)?)\s*(?:m|mi|miles?)\.?\s*"

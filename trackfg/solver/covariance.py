@@ -17,11 +17,15 @@ import numpy as np
 from trackfg.factors.states import KEYFRAME_DIM, Kind, offset_in_keyframe
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.chained_covariance import Block, ChainedCovariance
+from trackfg.numerics.kernels import compiled_kernels
 from trackfg.numerics.key_figures import Outlined
 from trackfg.solver.square_root import SquareRoot
 
 _PLACES_IN_A_BLOCK = 8
 """Places whose functions are carried together: two each are as many rows as a fifth of those of y, beside them."""
+
+_NO_WINDOWS = np.zeros(0, dtype=np.int64), np.zeros(0)
+"""Keyframes whose windows are wanted, and room for these: none."""
 
 _AT_A_TIME = 256
 """Keyframes whose regressions are computed together: what is needed on the way stays small."""
@@ -31,14 +35,44 @@ _AT_A_TIME = 256
 class Covariance(Outlined):
     """The covariance of a chain consists of marginals and of regressions of each keyframe on the next one.
 
-    ``marginal`` (n, d, d): covariance of z_k = (x_k, s); ``gain`` (n - 1, KEYFRAME_DIM, d): regression of x_k on
-    z_{k+1}, which has the same s.
+    Of z_k = (x_k, s), whose s is the same for all: ``of_keyframes`` (n, KEYFRAME_DIM, d), covariances of x_k with z_k;
+    ``of_shared`` (d - KEYFRAME_DIM square), that of s; ``gain`` (n - 1, KEYFRAME_DIM, d), regression of x_k on z_{k+1}.
 
     d is KEYFRAME_DIM + SHARED_DIM, in elimination order, and the dimension of each further sensor.
+
+    Examples
+    --------
+    >>> import trackfg
+    >>> from trackfg import graph, solver
+    >>> from trackfg.factors.states import Kind
+    >>> settings = trackfg.SmoothConfig()
+    >>> problem = graph.build_problem(trackfg.read_recording("run1"), settings)
+    >>> covariance = solver.posterior_covariance(solver.solve(problem, settings.solver).root)
+    >>> covariance.of(Kind.NAV).shape  # of attitude, position and velocity at each keyframe
+    (38, 9, 9)
     """
 
-    marginal: Array
+    of_keyframes: Array
+    of_shared: Array
     gain: Array
+
+    @classmethod
+    def of_marginals(cls, marginal: Array, gain: Array) -> Covariance:
+        """Return the covariance of marginals of all z_k, (n, d, d), with the ``gain``."""
+        return cls(marginal[:, :KEYFRAME_DIM], marginal[0, KEYFRAME_DIM:, KEYFRAME_DIM:], gain)
+
+    @property
+    def marginal(self) -> Array:
+        """The covariances of all z_k, (n, d, d): thrice as large as what they are kept as."""
+        return self.at(slice(None))
+
+    def at(self, keyframes: int | slice | np.ndarray) -> Array:
+        """Return the covariances of z_k of some keyframes, (m, d, d), or of one, (d, d)."""
+        own, dim = self.of_keyframes[keyframes], KEYFRAME_DIM
+        whole = np.empty((*own.shape[:-2], own.shape[-1], own.shape[-1]))
+        whole[..., :dim, :], whole[..., dim:, :dim] = own, own[..., dim:].swapaxes(-1, -2)
+        whole[..., dim:, dim:] = self.of_shared
+        return whole
 
     def of(self, kind: Kind) -> Array:
         """Return the marginal covariance of one kind: (n, dim, dim), or (1, dim, dim) for a shared one.
@@ -46,60 +80,87 @@ class Covariance(Outlined):
         Further sensors have one of all together.
         """
         start = offset_in_keyframe(kind)
-        if kind is Kind.SENSOR:
-            return self.marginal[:1, start:, start:]
-        rows = self.marginal[:1] if kind.shared else self.marginal
-        return rows[:, start : start + kind.dim, start : start + kind.dim]
+        if not kind.shared:
+            return self.of_keyframes[:, start : start + kind.dim, start : start + kind.dim]
+        start -= KEYFRAME_DIM
+        own = slice(start, None if kind is Kind.SENSOR else start + kind.dim)
+        return self.of_shared[None, own, own]
 
-    def leading(self, size: int) -> Array:
-        """Return those of the first variables of z_k alone, shape (n, size, size)."""
-        return self.marginal[:, :size, :size]
+    def rows(self, keyframes: np.ndarray, rows: np.ndarray) -> Array:
+        """Return rows (r,) of the covariances of z_k of some keyframes, (m, r, d)."""
+        own, dim = rows < KEYFRAME_DIM, KEYFRAME_DIM
+        out = np.empty((len(keyframes), len(rows), self.of_keyframes.shape[2]))
+        out[:, own] = self.of_keyframes[keyframes[:, None], rows[own]]
+        if not own.all():
+            out[:, ~own, :dim] = self.of_keyframes[keyframes[:, None], :, rows[~own]]
+            out[:, ~own, dim:] = self.of_shared[rows[~own] - dim]
+        return out
+
+    def propagated(self, J: Array) -> Array:
+        """Return the covariances of ``J z_k`` with the first of the z_k, as many as the columns of J (n, r, c)."""
+        size, dim = J.shape[2], KEYFRAME_DIM
+        own = self.of_keyframes[:, :, :size]
+        out = J[:, :, :dim] @ own
+        if size > dim:
+            out[:, :, :dim] += J[:, :, dim:] @ own[:, :, dim:].swapaxes(1, 2)
+            out[:, :, dim:] += J[:, :, dim:] @ self.of_shared[: size - dim, : size - dim]
+        return np.asarray(out)
 
     def with_added_distance_variance(self, variance: Array | float) -> Covariance:
         """Return the covariance with so much more variance (n,), m^2, of the distances along the track."""
         if not np.any(variance):
             return self
-        at, marginal = offset_in_keyframe(Kind.ODO), self.marginal.copy()
-        marginal[:, at, at] += variance
-        return replace(self, marginal=marginal)
+        at, of_keyframes = offset_in_keyframe(Kind.ODO), self.of_keyframes.copy()
+        of_keyframes[:, at, at] += variance
+        return replace(self, of_keyframes=of_keyframes)
 
     def between(self, i: int, j: int) -> Array:
         """Return the cross-covariance of keyframes ``i <= j``, shape (d, d).
 
         Exact for a chain; with a longer reach exact for neighbours, and carried from neighbour to neighbour beyond.
         """
-        out: Array = self.marginal[j]
+        out = self.at(j)
         for k in range(j - 1, i - 1, -1):
             out = np.concatenate([self.gain[k] @ out, out[KEYFRAME_DIM:]])
         return out
 
 
 class _Window(NamedTuple):
-    """Covariances at keyframe k are those of y_k (p, p), and of x_k with y_k (K, p)."""
+    """Covariances at keyframe k are those of y_k (p, p), of x_k with y_k (K, p), and of x_k with z_k; ``regression``
+    (K, p) is A_k.
+    """
 
     k: int
     ahead: Array
     cross: Array
+    own: Array
+    regression: Array
 
 
-def _windows(root: SquareRoot, marginal: Array) -> Iterator[_Window]:
-    """Go backwards from the last keyframe, and fill in ``marginal``. Cost is linear in the number of keyframes."""
+def _windows(root: SquareRoot) -> Iterator[_Window]:
+    """Go backwards from the last keyframe. Cost is linear in the number of keyframes."""
     n, dim, size = len(root.inverse), KEYFRAME_DIM, root.size
     spread = root.inverse @ np.swapaxes(root.inverse, 1, 2)
     ahead = np.zeros((root.parents(n - 1), root.parents(n - 1)))
-    ahead[dim:size, dim:size] = root.shared_inverse @ root.shared_inverse.T
+    ahead[dim:size, dim:size] = root.shared_covariance
     for k in range(n - 1, -1, -1):
         width, kept = root.parents(k - 1), root.kept(k)
-        whole = marginal[k] if width == size else np.empty((width, width))
-        A = root.regression[k, :, : len(ahead)]
+        whole = np.empty((width, width))
+        A = root.regression(k)
         cross = A @ ahead
         own, both = cross @ A.T + spread[k], cross[:, kept]
         whole[:dim, :dim] = 0.5 * (own + own.T)
         whole[:dim, dim:], whole[dim:, :dim], whole[dim:, dim:] = both, both.T, ahead[kept][:, kept]
-        if width > size:
-            marginal[k] = whole[:size, :size]
-        yield _Window(k, ahead, cross)
+        yield _Window(k, ahead, cross, whole[:dim, :size], A)
         ahead = whole
+
+
+def _by_numpy(root: SquareRoot, own: Array, gain: Array) -> None:
+    """Do as the kernel (kernels/recursions.cpp)."""
+    reaches, size = bool(root.ahead.any()), root.size
+    for window in _windows(root):
+        own[window.k] = window.own
+        gain[window.k] = (window.cross if reaches else window.regression)[:, :size]
 
 
 def posterior_covariance(root: SquareRoot) -> Covariance:
@@ -124,12 +185,16 @@ def posterior_covariance(root: SquareRoot) -> Covariance:
     >>> solution = solve(build_problem(trackfg.read_recording("run1"), settings), settings.solver)
     >>> covariance = posterior_covariance(solution.root)
     """
-    n, dim, size = len(root.inverse), KEYFRAME_DIM, root.size
-    marginal, cross = np.empty((n, size, size)), np.empty((n, dim, size)) if root.ahead.any() else None
-    for window in _windows(root, marginal):
-        if cross is not None:
-            cross[window.k] = window.cross[:, :size]
-    return Covariance(marginal, root.regression[:-1] if cross is None else _gain(marginal, cross))
+    n, size = len(root.R), root.size
+    own, gain = np.empty((2, n, KEYFRAME_DIM, size))
+    if compiled_kernels():
+        from trackfg.numerics import compiled
+
+        compiled.covariances(*root.conditionals(), root.shared_covariance, own, gain, *_NO_WINDOWS)
+    else:
+        _by_numpy(root, own, gain)
+    covariance = Covariance(own, root.shared_covariance, gain[:-1])
+    return replace(covariance, gain=_gain(covariance, gain)) if root.ahead.any() else covariance
 
 
 def posterior_samples(root: SquareRoot, count: int, rng: np.random.Generator) -> tuple[Array, Array]:
@@ -137,14 +202,9 @@ def posterior_samples(root: SquareRoot, count: int, rng: np.random.Generator) ->
 
     Those of the keyframes (n, KEYFRAME_DIM, count), and of the shared variables (s, count).
     """
-    n, size = len(root.inverse), root.size
-    samples = rng.standard_normal((n, KEYFRAME_DIM, count))
-    window = np.zeros((root.parents(n - 1), count))
-    shared = window[KEYFRAME_DIM:size] = root.shared_inverse @ rng.standard_normal((size - KEYFRAME_DIM, count))
-    for k in range(n - 1, -1, -1):
-        samples[k] = root.regression[k, :, : len(window)] @ window + root.inverse[k] @ samples[k]
-        window = np.concatenate([samples[k], window[root.kept(k)]])
-    return samples, shared
+    samples = rng.standard_normal((len(root.R), KEYFRAME_DIM, count))
+    shared = root.shared_inverse @ rng.standard_normal((root.size - KEYFRAME_DIM, count))
+    return root.back_substituted(samples, shared), shared
 
 
 @dataclass(frozen=True, repr=False)
@@ -196,7 +256,7 @@ def joint_covariance(root: SquareRoot, functions: Functions, covariance: Covaria
 def _given_parents(root: SquareRoot, functions: Functions, k: int, own: slice) -> tuple[Array, Array]:
     """Return D and ``F_x R_k^-1`` of functions of keyframe k, which are ``D y_k + F_x R_k^-1 e``."""
     F_x = functions.by_first[own]
-    D = F_x @ root.regression[k, :, : root.parents(k)]
+    D = F_x @ root.regression(k)
     D[:, :KEYFRAME_DIM] += functions.by_second[own]
     D[:, KEYFRAME_DIM : KEYFRAME_DIM + functions.by_shared.shape[1]] += functions.by_shared[own]
     return D, F_x @ root.inverse[k]
@@ -205,15 +265,25 @@ def _given_parents(root: SquareRoot, functions: Functions, k: int, own: slice) -
 def _ahead(root: SquareRoot, covariance: Covariance, keyframes: np.ndarray) -> Mapping[int, Array]:
     """Return the covariances of y_k of some keyframes but the last: along a chain those of z_{k+1}."""
     if not root.ahead.any():
-        return {k: covariance.marginal[k + 1] for k in keyframes.tolist()}
-    wanted, marginal = set(keyframes.tolist()), np.empty_like(covariance.marginal)
-    return {window.k: window.ahead for window in _windows(root, marginal) if window.k in wanted}
+        return {k: covariance.at(k + 1) for k in keyframes.tolist()}
+    if not compiled_kernels():
+        wanted = set(keyframes.tolist())
+        return {window.k: window.ahead for window in _windows(root) if window.k in wanted}
+    from trackfg.numerics import compiled
+
+    sizes = np.array([root.parents(k) for k in keyframes.tolist()])
+    begins = np.concatenate([np.zeros(1, dtype=np.int64), np.cumsum(sizes**2)])
+    windows, none = np.empty(int(begins[-1])), np.empty((0, KEYFRAME_DIM, root.size))
+    compiled.covariances(*root.conditionals(), covariance.of_shared, none, none, keyframes, windows)
+    return {
+        k: windows[begin : begin + size**2].reshape(size, size)
+        for k, begin, size in zip(keyframes.tolist(), begins[:-1].tolist(), sizes.tolist(), strict=True)
+    }
 
 
 def _carried(root: SquareRoot, B: Array, k: int) -> Array:
     """Express functions ``B y_{k-1}`` (m, p) by y_k: ``y_{k-1} = (A_k y_k + e_k, what it keeps of y_k)``."""
-    width = root.parents(k)
-    out = B[:, :KEYFRAME_DIM] @ root.regression[k, :, :width]
+    out = B[:, :KEYFRAME_DIM] @ root.regression(k)
     out[:, root.kept(k)] += B[:, KEYFRAME_DIM:]
     return np.asarray(out)
 
@@ -236,7 +306,7 @@ def covariance_given_next(root: SquareRoot, functions: Functions) -> tuple[Array
         y = root.inverse[k].T @ right[:, active]
         ahead = np.zeros((root.parents(k), m))
         ahead[root.kept(k)] = carried[dim:]
-        ahead[:, active] -= root.S[k, :, : len(ahead)].T @ y
+        ahead[:, active] -= root.on_parents(k).T @ y
         carried = ahead
         total[active, active] += y.T @ y
     last = slice(own[max(n - 1, 0)], own[n])
@@ -245,11 +315,11 @@ def covariance_given_next(root: SquareRoot, functions: Functions) -> tuple[Array
     return total, carried[:size]
 
 
-def _gain(marginal: Array, cross: Array) -> Array:
+def _gain(covariance: Covariance, cross: Array) -> Array:
     """Return the regressions of keyframes on the next ones, written over their ``cross`` covariances (n, K, d)."""
     for begin in range(0, len(cross) - 1, _AT_A_TIME):
         some = cross[begin : min(begin + _AT_A_TIME, len(cross) - 1)]
-        ahead = marginal[begin + 1 : begin + 1 + len(some)]
+        ahead = covariance.at(slice(begin + 1, begin + 1 + len(some)))
         sd = np.sqrt(np.diagonal(ahead, axis1=1, axis2=2))
         correlation = ahead / (sd[:, :, None] * sd[:, None, :])
         scaled = np.linalg.solve(correlation, np.swapaxes(some / sd[:, None, :], 1, 2))
@@ -262,19 +332,6 @@ def times_covariance(root: SquareRoot, keyframes: Array, shared: Array) -> tuple
 
     P is the covariance of all variables: ``R'`` is solved forwards, R backwards, along the chain.
     """
-    n, size = len(root.inverse), root.size
-    whitened = np.empty_like(keyframes)
-    carried = np.zeros((size, keyframes.shape[2]))
-    for k in range(n):
-        whitened[k] = root.inverse[k].T @ (keyframes[k] + carried[:KEYFRAME_DIM])
-        ahead = np.zeros((root.parents(k), keyframes.shape[2]))
-        ahead[root.kept(k)] = carried[KEYFRAME_DIM:]
-        carried = ahead - root.S[k, :, : len(ahead)].T @ whitened[k]
-    of_shared = root.shared_inverse @ (root.shared_inverse.T @ (shared + carried[KEYFRAME_DIM:size]))
-    window = np.zeros((root.parents(n - 1), keyframes.shape[2]))
-    window[KEYFRAME_DIM:size] = of_shared
-    out = whitened
-    for k in range(n - 1, -1, -1):
-        out[k] = root.regression[k, :, : len(window)] @ window + root.inverse[k] @ whitened[k]
-        window = np.concatenate([out[k], window[root.kept(k)]])
-    return out, of_shared
+    whitened, added = root.forward_substituted(keyframes.copy())
+    of_shared = root.shared_inverse @ (root.shared_inverse.T @ (shared + added))
+    return root.back_substituted(whitened, of_shared), of_shared

@@ -27,8 +27,8 @@ from trackfg.factors.linear import LinearFactors, Slot, first_keyframe, last_key
 from trackfg.factors.states import KEYFRAME_DIM, SHARED_DIM, Kind, offset_in_keyframe
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.blas_threads import one_thread
-from trackfg.numerics.kernels import compiled_kernels
-from trackfg.solver.square_root import NAV, NAV_DIM, SquareRoot
+from trackfg.numerics.kernels import compiled_kernels, kernel_argument
+from trackfg.solver.square_root import NAV, NAV_DIM, SquareRoot, begins_beyond
 
 _PAIR = 2 * KEYFRAME_DIM
 _AT_A_TIME = 256
@@ -41,11 +41,20 @@ _UNDETERMINED = "the measurements do not determine the states"
 
 
 class Conditionals(NamedTuple):
-    """The conditionals are ``R``, ``S`` and ``d`` of keyframes, as :class:`SquareRoot` has them."""
+    """The conditionals are ``R``, ``S`` and ``d`` of keyframes along a chain, as :class:`SquareRoot` has them."""
 
     R: Array
     S: Array
     d: Array
+
+
+class _WithBeyond(NamedTuple):
+    """Conditionals and their rows ``beyond`` the next keyframe, as :class:`SquareRoot` has them."""
+
+    R: Array
+    S: Array
+    d: Array
+    beyond: Array
 
 
 def eliminate(factors: Sequence[LinearFactors], keyframes: int) -> SquareRoot:
@@ -70,14 +79,13 @@ def eliminate_with_marginals(
     ahead = _ahead(placed, keyframes)
     if leading_counts and ahead.any():
         raise ValueError("factors that tie keyframes further apart: these cannot be marginalised one by one")
-    widths = _PAIR + NAV_DIM * ahead
     with one_thread():
-        conditionals, alone, left = _factored(placed, widths, shared_dim, leading_counts)
+        whole, alone, left = _factored(placed, ahead, shared_dim, leading_counts)
         shared = _triangle(alone)[:shared_dim]
         if len(shared) < shared_dim:
             raise UnsolvableError(_UNDETERMINED)
         R, sign = _positive(np.triu(shared[:, :-1]))
-        return SquareRoot(*conditionals, R, shared[:, -1] * sign, ahead), left
+        return SquareRoot(whole.R, whole.S, whole.d, R, shared[:, -1] * sign, ahead, whole.beyond), left
 
 
 def _shared_dim(factors: Sequence[LinearFactors]) -> int:
@@ -93,14 +101,26 @@ def stacked_pair(factors: Sequence[LinearFactors], sensors: int | None = None) -
     """
     shared_dim = _shared_dim(factors) if sensors is None else SHARED_DIM + Kind.SENSOR.dim * sensors
     rows = np.zeros((sum(one.rows.shape[0] * one.rows.shape[1] for one in factors), _PAIR + shared_dim + 1))
-    end = 0
+    begin = 0
     for slots, own in factors:
-        count, tall, _ = own.shape
-        begin, end = end, end + count * tall
-        row, none = np.arange(begin, end).reshape(count, tall), np.zeros(count, dtype=np.int64)
-        column = _columns(slots, slice(None), none, none + _PAIR, shared_dim=shared_dim, further=False)
-        rows[row[:, :, None], column[:, None, :]] = own
+        kinds, indices = tuple(slot.kind for slot in slots), tuple(slot.index.tobytes() for slot in slots)
+        for factor, columns in zip(own, _columns_of_pair(kinds, indices, shared_dim + 1), strict=True):
+            rows[begin : begin + len(factor), columns] = factor
+            begin += len(factor)
     return rows
+
+
+@lru_cache(maxsize=256)
+def _columns_of_pair(kinds: tuple[Kind, ...], indices: tuple[bytes, ...], tail: int) -> np.ndarray:
+    """Return which columns of (x_0, x_1, s | b) each factor fills, shape (m, c + 1).
+
+    ``indices`` are those of the slots, as bytes of 64-bit integers. Columns once found are kept: the factors of every
+    keyframe of a stream have the same few layouts.
+    """
+    slots = tuple(Slot(kind, np.frombuffer(index, np.int64)) for kind, index in zip(kinds, indices, strict=True))
+    first = np.zeros(len(slots[0].index), dtype=np.int64)
+    factors = LinearFactors(slots, np.zeros((len(first), 0, 0)))
+    return _Placed(factors, first, first, _places(slots, first)).columns(first + _PAIR, tail)
 
 
 def compressed(rows: Array) -> Array:
@@ -134,42 +154,44 @@ def eliminate_pair(rows: Array) -> tuple[SquareRoot, Array]:
 
 
 def _factored(
-    factors: Sequence[_Placed], widths: np.ndarray, shared_dim: int, leading_counts: Collection[int]
-) -> tuple[Conditionals, Array, dict[int, Array]]:
+    factors: Sequence[_Placed], ahead: np.ndarray, shared_dim: int, leading_counts: Collection[int]
+) -> tuple[_WithBeyond, Array, dict[int, Array]]:
     """Return conditionals of all keyframes, rows of the shared variables alone, and the marginals by their counts.
 
-    The last are those of :func:`eliminate_with_marginals`.
+    ``ahead`` is that of :class:`SquareRoot`; the marginals are those of :func:`eliminate_with_marginals`.
     """
-    keyframes, tail = len(widths), shared_dim + 1
-    parents = int(widths.max()) - KEYFRAME_DIM + shared_dim
+    keyframes, tail, widths, begins = len(ahead), shared_dim + 1, _PAIR + NAV_DIM * ahead, begins_beyond(ahead)
     R = np.zeros((keyframes, KEYFRAME_DIM, KEYFRAME_DIM))
-    S = np.zeros((keyframes, KEYFRAME_DIM, parents))
+    S = np.empty((keyframes, KEYFRAME_DIM, KEYFRAME_DIM + shared_dim))
     d = np.empty((keyframes, KEYFRAME_DIM))
+    beyond = np.empty((int(begins[-1]), KEYFRAME_DIM))
     alone, marginals = [_of_shared_alone(factors, tail)], {}
     left = np.zeros((0, _PAIR - KEYFRAME_DIM + tail))
-    factored = _block_compiled if compiled_kernels() else _block_by_lapack
-    ends = sorted({*range(_AT_A_TIME, keyframes, _AT_A_TIME), keyframes, *leading_counts})
+    factored, at_a_time = (_block_compiled, keyframes) if compiled_kernels() else (_block_by_lapack, _AT_A_TIME)
+    ends = sorted({*range(at_a_time, keyframes, at_a_time), keyframes, *leading_counts})
     for begin, end in zip([0, *ends], ends, strict=False):
-        block = _Block(*_stacked(factors, begin, end, widths[begin:end], tail), _around(widths, begin, end), left)
-        left, rest = factored(block, Conditionals(R[begin:end], S[begin:end], d[begin:end]))
+        own = [one.between(begin, end) for one in factors]
+        block = _Block(own, _around(widths, begin, end), left, tail)
+        rows = beyond[begins[begin] : begins[end]]
+        left, rest = factored(block, _WithBeyond(R[begin:end], S[begin:end], d[begin:end], rows))
         alone.append(rest)
         if end in leading_counts:
             marginals[end] = _left(left, np.concatenate(alone), shared_dim)
-    return Conditionals(R, S, d), np.concatenate(alone), marginals
+    return _WithBeyond(R, S, d, beyond), np.concatenate(alone), marginals
 
 
 class _Block(NamedTuple):
-    """A block has the rows of some keyframes in a row, laid out as their windows, right-hand side last.
+    """A block has some keyframes in a row, counted from its first one, and the factors whose first keyframe each is.
 
-    ``rows`` (m, widest window), those of each from ``starts`` (n + 1,) on; ``widths`` (n + 2,) without the columns of
-    the shared variables, beginning with the keyframe before and ending with the one after, 0 where there is none;
-    ``left`` is what the keyframe before left over.
+    ``widths`` (n + 2,) without the columns of the shared variables, beginning with the keyframe before and ending with
+    the one after, 0 where there is none; ``left`` is what the keyframe before left over; ``tail`` counts the shared
+    variables and the right-hand side.
     """
 
-    rows: Array
-    starts: np.ndarray
+    factors: Sequence[_Placed]
     widths: np.ndarray
     left: Array
+    tail: int
 
 
 def _around(widths: np.ndarray, begin: int, end: int) -> np.ndarray:
@@ -178,31 +200,30 @@ def _around(widths: np.ndarray, begin: int, end: int) -> np.ndarray:
     return np.concatenate([before, widths[begin:end], after])
 
 
-def _block_compiled(block: _Block, out: Conditionals) -> tuple[Array, Array]:
+def _block_compiled(block: _Block, out: _WithBeyond) -> tuple[Array, Array]:
     """Do as :func:`_block_by_lapack`, in ``kernels/elimination.cpp``."""
     from trackfg.numerics import compiled
 
-    tail, most = block.rows.shape[1] - int(block.widths[1:-1].max()), int(block.widths.max()) - KEYFRAME_DIM
+    tail, most = block.tail, int(block.widths.max()) - KEYFRAME_DIM
     left = np.empty(most * (most + tail))
     left[: block.left.size] = block.left.ravel()
-    alone = np.empty((len(block.rows) + len(block.left), tail))
+    alone = np.empty((tail, tail))
     nav = NAV.start, NAV_DIM
-    done = compiled.eliminate(
-        block.rows, block.starts, block.widths, nav, _INDETERMINATE, left, len(block.left), *out, alone
-    )
+    families = [array for one in block.factors if one.factors.rows.size for array in one.as_arrays()]
+    done = compiled.eliminate(block.widths, nav, _INDETERMINATE, left, len(block.left), *out, alone, *families)
     if done is None:
         raise UnsolvableError(_UNDETERMINED)
     columns = int(block.widths[-2]) - KEYFRAME_DIM + tail
     return left[: done[0] * columns].reshape(-1, columns), alone[: done[1]]
 
 
-def _block_by_lapack(block: _Block, out: Conditionals) -> tuple[Array, Array]:
+def _block_by_lapack(block: _Block, out: _WithBeyond) -> tuple[Array, Array]:
     """Write the conditionals of a block, and return what is left over and rows of the shared variables alone."""
-    widths, left, alone = block.widths.tolist(), block.left, []
-    tail = block.rows.shape[1] - max(widths[1:-1])
-    conditional = np.zeros((len(out.R), KEYFRAME_DIM, block.rows.shape[1]))
+    widths, left, tail, alone = block.widths.tolist(), block.left, block.tail, []
+    rows, starts = _stacked(block.factors, block.widths[1:-1], tail)
+    conditional = np.zeros((len(out.R), KEYFRAME_DIM, rows.shape[1]))
     for k, (before, width, following) in enumerate(zip(widths, widths[1:], widths[2:], strict=False)):
-        own, carried = block.rows[block.starts[k] : block.starts[k + 1], : width + tail], len(left)
+        own, carried = rows[starts[k] : starts[k + 1], : width + tail], len(left)
         system = np.zeros((carried + len(own), width + tail), order="F")
         system[:carried, _columns_in_next(before, width, tail)] = left
         system[carried:] = own
@@ -228,16 +249,16 @@ def _left(left: Array, alone: Array, shared_dim: int) -> Array:
     return rest
 
 
-def _write_conditionals(conditional: Array, widths: np.ndarray, shared_dim: int, out: Conditionals) -> None:
+def _write_conditionals(conditional: Array, widths: np.ndarray, shared_dim: int, out: _WithBeyond) -> None:
     """Write rows [R_k S_k d_k] (n, KEYFRAME_DIM, widest window), laid out as the windows, as conditionals."""
     out.R[:], sign = _positive(conditional[:, :, :KEYFRAME_DIM] * _upper(KEYFRAME_DIM, KEYFRAME_DIM))
-    later = _PAIR - KEYFRAME_DIM + shared_dim
-    for width in np.unique(widths).tolist():  # the shared variables before the later navigation states
+    begins = begins_beyond((widths - _PAIR) // NAV_DIM)
+    for width in np.unique(widths).tolist():
         own = np.flatnonzero(widths == width)
         rows = conditional[own] * sign[own, :, None]
         out.S[own, :, : _PAIR - KEYFRAME_DIM] = rows[:, :, KEYFRAME_DIM:_PAIR]
-        out.S[own, :, _PAIR - KEYFRAME_DIM : later] = rows[:, :, width : width + shared_dim]
-        out.S[own, :, later : later + width - _PAIR] = rows[:, :, _PAIR:width]
+        out.S[own, :, _PAIR - KEYFRAME_DIM :] = rows[:, :, width : width + shared_dim]
+        out.beyond[begins[own, None] + np.arange(width - _PAIR)] = rows[:, :, _PAIR:width].swapaxes(1, 2)
         out.d[own] = rows[:, :, width + shared_dim]
 
 
@@ -285,27 +306,68 @@ def _columns_in_next(width: int, next_width: int, tail: int) -> np.ndarray:
 class _Placed(NamedTuple):
     """Factors are placed in order of the first keyframe that each touches.
 
-    ``first`` (m,) is -1 for shared variables alone; ``last`` (m,).
+    ``first`` (m,) is -1 for shared variables alone; ``last`` (m,); ``places`` (m, slots) are those of :func:`_places`.
     """
 
     factors: LinearFactors
     first: np.ndarray
     last: np.ndarray
+    places: np.ndarray
 
     @classmethod
     def of(cls, factors: LinearFactors) -> _Placed:
         slots, count = factors.slots, len(factors.rows)
         first, last = first_keyframe(slots, count), last_keyframe(slots, count)
-        if (first[1:] >= first[:-1]).all():
-            return cls(factors, first, last)
-        order = np.argsort(first, kind="stable")
-        return cls(factors.take(order), first[order], last[order])
+        if (first[1:] < first[:-1]).any():
+            order = np.argsort(first, kind="stable")
+            factors, first, last = factors.take(order), first[order], last[order]
+        return cls(factors, first, last, _places(factors.slots, first))
+
+    def between(self, begin: int, end: int) -> _Placed:
+        """Return those whose first keyframe is one from ``begin`` to ``end``, counted from ``begin``."""
+        some = slice(*np.searchsorted(self.first, [begin, end]).tolist())
+        # The slots keep their indices, which the places stand for.
+        factors = LinearFactors(self.factors.slots, self.factors.rows[some])
+        return _Placed(factors, self.first[some] - begin, self.last[some] - begin, self.places[some])
+
+    def as_arrays(self) -> tuple[np.ndarray, ...]:
+        """Return them as the kernel takes a family."""
+        dims = np.array([slot.kind.dim for slot in self.factors.slots])
+        return kernel_argument(self.factors.rows), self.first, self.places, dims
+
+    def columns(self, widths: np.ndarray, tail: int) -> np.ndarray:
+        """Return the columns that the factors fill of windows of ``widths`` (m,), (m, c + 1), right-hand side last."""
+        dims = [slot.kind.dim for slot in self.factors.slots]
+        begin = np.where(self.places >= 0, self.places, widths[:, None] - 1 - self.places)
+        at = np.repeat(begin, dims, axis=1) + np.concatenate([np.arange(dim) for dim in dims])
+        return np.column_stack([at, widths + tail - 1])
+
+
+def _places(slots: Sequence[Slot], first: np.ndarray) -> np.ndarray:
+    """Return the column in the window of its first keyframe at which each slot begins, (m, slots).
+
+    Of shared variables, which are behind the window, -1 - the column there.
+    """
+    places = np.empty((len(first), len(slots)), dtype=np.int64)
+    for slot, place in zip(slots, places.T, strict=True):
+        kind, start = slot.kind, offset_in_keyframe(slot.kind)
+        if kind.shared:
+            place[:] = KEYFRAME_DIM - 1 - start - (kind.dim * slot.index if kind is Kind.SENSOR else 0)
+            continue
+        later = slot.index - first
+        place[:] = start + KEYFRAME_DIM * later
+        far = later >= 2
+        if far.any():
+            if kind is not Kind.NAV:
+                raise ValueError(f"{kind.name} is touched from {later.max()} keyframes before; only NAV may be")
+            place[far] = _PAIR + NAV_DIM * (later[far] - 2)
+    return places
 
 
 def _ahead(factors: Sequence[_Placed], keyframes: int) -> np.ndarray:
     """Return how many navigation states after x_{k+1} each window has to reach, shape (n,)."""
     last = np.arange(1, keyframes + 1)
-    for _, first, farthest in factors:
+    for _, first, farthest, _ in factors:
         far = farthest > first + 1
         if far.any():
             np.maximum.at(last, first[far], farthest[far])
@@ -314,85 +376,31 @@ def _ahead(factors: Sequence[_Placed], keyframes: int) -> np.ndarray:
 
 def _of_shared_alone(factors: Sequence[_Placed], tail: int) -> Array:
     """Return the rows of shared variables alone."""
-    shared = [one for one in factors if one.first.size and one.first[0] < 0]
-    return _stacked(shared, -1, 0, np.array([_PAIR]), tail)[0][:, _PAIR:]
+    shared = [one.between(-1, 0) for one in factors if one.first.size and one.first[0] < 0]
+    return _stacked(shared, np.array([_PAIR]), tail)[0][:, _PAIR:]
 
 
-def _stacked(
-    factors: Sequence[_Placed], begin: int, end: int, widths: np.ndarray, tail: int
-) -> tuple[Array, np.ndarray]:
-    """Return the rows of keyframes ``begin`` to ``end``, in order (m, widest window), and where those of each start."""
-    parts = []
-    for one, first, _ in factors:
-        some = slice(*np.searchsorted(first, [begin, end]).tolist())
-        if some.stop > some.start:
-            parts.append((one.slots, one.rows[some], first[some], some))
-    number = [first - begin for *_, first, _ in parts]
+def _stacked(factors: Sequence[_Placed], widths: np.ndarray, tail: int) -> tuple[Array, np.ndarray]:
+    """Return the rows of keyframes whose windows have these ``widths`` (n,), in order, and where those of each start.
+
+    Shapes (m, widest window) and (n + 1,).
+    """
+    factors = [one for one in factors if len(one.first)]
     none = np.zeros(0, dtype=np.int64)
-    tall = (np.full(len(k), own.shape[1]) for k, (_, own, _, _) in zip(number, parts, strict=True))
+    tall = (np.full(len(one.first), one.factors.rows.shape[1]) for one in factors)
     heights = np.concatenate([none, *tall])
-    by_keyframe = np.concatenate([none, *number])
+    by_keyframe = np.concatenate([none, *(one.first for one in factors)])
     order = np.argsort(by_keyframe, kind="stable")
     ends = np.cumsum(heights[order])
     begins = np.empty(len(order), dtype=np.int64)
     begins[order] = ends - heights[order]
     starts = np.append(0, ends)[np.searchsorted(by_keyframe[order], np.arange(len(widths) + 1))]
 
-    widest = int(widths.max())
-    rows = np.zeros((int(ends[-1]) if len(ends) else 0, widest + tail))
-    after, further = 0, widest > _PAIR
-    for k, (slots, own, first, some) in zip(number, parts, strict=True):
-        before, after = after, after + len(k)
-        row = begins[before:after, None] + _counted(own.shape[1])
-        column = _columns(slots, some, first, widths[k], shared_dim=tail - 1, further=further)
-        rows[row[:, :, None], column[:, None, :]] = own
+    rows = np.zeros((int(ends[-1]) if len(ends) else 0, int(widths.max()) + tail))
+    after = 0
+    for one in factors:
+        before, after = after, after + len(one.first)
+        row = begins[before:after, None] + np.arange(one.factors.rows.shape[1])
+        column = one.columns(widths[one.first], tail)
+        rows[row[:, :, None], column[:, None, :]] = one.factors.rows
     return rows, starts
-
-
-def _columns(
-    slots: Sequence[Slot], some: slice, first: np.ndarray, width: np.ndarray, *, shared_dim: int, further: bool
-) -> np.ndarray:
-    """Return which columns of their windows factors fill, shape (m, c + 1), the right-hand side last.
-
-    Their first keyframes are ``first`` (m,), the windows' widths ``width`` (m,). ``further``: whether any window
-    reaches further than to the next keyframe.
-    """
-    kinds = tuple(slot.kind for slot in slots)
-    at, slot_of, behind = _layout(kinds, shared_dim)
-    later = np.zeros((len(first), len(slots) + 1), dtype=np.int64)
-    for j, slot in enumerate(slots):
-        if not slot.kind.shared:
-            later[:, j] = slot.index[some] - first
-    columns: np.ndarray = at + (KEYFRAME_DIM * later)[:, slot_of]
-    for j, slot in enumerate(slots):
-        if slot.kind is Kind.SENSOR:
-            columns += (slot.kind.dim * slot.index[some])[:, None] * (slot_of == j)
-    if not further:
-        return columns
-    far = later >= 2
-    for j in np.flatnonzero(far.any(axis=0)).tolist():
-        if kinds[j] is not Kind.NAV:
-            raise ValueError(f"{kinds[j].name} is touched from {later.max()} keyframes before; only NAV may be")
-    beyond = _PAIR - NAV.start + (NAV_DIM - KEYFRAME_DIM) * later - 2 * NAV_DIM
-    columns += np.where(far, beyond, 0)[:, slot_of]
-    columns += np.where(behind, (width - _PAIR)[:, None], 0)
-    return columns
-
-
-@lru_cache
-def _layout(kinds: tuple[Kind, ...], shared_dim: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the columns of factors whose slots are all of the first keyframe, the right-hand side last.
-
-    The window reaches to the next keyframe. With them come the number of the slot of each column, and which are behind
-    all keyframes. All (c + 1,).
-    """
-    starts = (offset_in_keyframe(kind) + (_PAIR - KEYFRAME_DIM) * kind.shared for kind in kinds)
-    at = [start + np.arange(kind.dim) for start, kind in zip(starts, kinds, strict=True)]
-    columns = np.concatenate([*at, [_PAIR + shared_dim]])
-    slot_of = np.repeat(np.arange(len(kinds) + 1), [*(kind.dim for kind in kinds), 1])
-    return columns, slot_of, columns >= _PAIR
-
-
-@lru_cache
-def _counted(length: int) -> np.ndarray:
-    return np.arange(length)

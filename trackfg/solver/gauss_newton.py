@@ -61,6 +61,15 @@ class Solution(KeyFigures):
     """A solution is the minimum, the square root of the information at the last step, and how it was reached.
 
     ``trials``: how many steps, shortened and lengthened ones with them, were tried in all ``iterations``.
+
+    Examples
+    --------
+    >>> import trackfg
+    >>> from trackfg import graph, solver
+    >>> problem = graph.build_problem(trackfg.read_recording("run1"), trackfg.SmoothConfig())
+    >>> solution = solver.solve(problem, trackfg.SmoothConfig().solver)
+    >>> solution.converged, solution.iterations
+    (True, 3)
     """
 
     states: States

@@ -72,5 +72,5 @@ def predicted(family: Family, states: States, covariance: Covariance) -> tuple[A
     keyframe = next(slot.index for slot in family.slots if not slot.kind.shared)
     columns = np.concatenate([offset_in_keyframe(slot.kind) + np.arange(slot.kind.dim) for slot in family.slots])
     J = np.concatenate(jacobians, axis=2)
-    P = covariance.marginal[keyframe[:, None, None], columns[:, None], columns]
+    P = covariance.rows(keyframe, columns)[:, :, columns]
     return residual, J @ P @ np.swapaxes(J, 1, 2)

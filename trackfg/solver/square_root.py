@@ -5,12 +5,13 @@ shares
 
     R_k x_k + S_k y_k = d_k + e,   e ~ N(0, I),   y_k = (x_{k+1}, s, nav_{k+2}, ..., nav_{k+w}),
 
-where the reach w is 1 unless a factor ties keyframes further apart (two passes of lasers over one place).
+where the reach w is 1 unless a factor ties keyframes further apart (two passes of lasers over one place). It differs
+from keyframe to keyframe, so what belongs to navigation states beyond x_{k+1} is kept apart, row after row.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 
 import numpy as np
@@ -18,6 +19,7 @@ from scipy.linalg.lapack import dtrtri
 
 from trackfg.factors.states import KEYFRAME_DIM, SHARED_DIM, Kind, Step, offset_in_keyframe
 from trackfg.numerics.arrays import Array
+from trackfg.numerics.kernels import compiled_kernels, kernel_argument
 from trackfg.numerics.key_figures import Outlined
 
 SIZE = KEYFRAME_DIM + SHARED_DIM
@@ -32,9 +34,10 @@ NAV = slice(offset_in_keyframe(Kind.NAV), offset_in_keyframe(Kind.NAV) + NAV_DIM
 class SquareRoot(Outlined):
     """The square root consists of the conditionals of all keyframes, and of s.
 
-    With K = KEYFRAME_DIM: ``R`` (n, K, K), ``S`` (n, K, SIZE + NAV_DIM (w - 1)), ``d`` (n, K). Columns
-    of S: x_{k+1}, s, then the navigation states of k + 2 and so on. ``ahead`` (n,): how many of these a recursion has
-    to carry at k, because this keyframe or an earlier one has them as parents: 0 along a chain.
+    With K = KEYFRAME_DIM: ``R`` (n, K, K), ``d`` (n, K), and of S_k the columns of (x_{k+1}, s) in ``S`` (n, K, SIZE),
+    those of the navigation states of k + 2 and so on as rows of ``beyond`` (NAV_DIM sum(ahead), K), keyframe after
+    keyframe. ``ahead`` (n,): how many of these states a recursion has to carry at k, because this keyframe or an
+    earlier one has them as parents: 0 along a chain.
     """
 
     R: Array
@@ -43,6 +46,7 @@ class SquareRoot(Outlined):
     R_shared: Array
     d_shared: Array
     ahead: np.ndarray
+    beyond: Array = field(default_factory=lambda: np.zeros((0, KEYFRAME_DIM)))
 
     @cached_property
     def size(self) -> int:
@@ -69,10 +73,21 @@ class SquareRoot(Outlined):
         return np.asarray(dtrtri(self.R_shared)[0])
 
     @cached_property
-    def regression(self) -> Array:
-        """``A_k = -R_k^-1 S_k``: the mean of x_k is ``A_k y_k + R_k^-1 d_k``. Shape of S."""
-        product = self.inverse @ self.S
-        return np.negative(product, out=product)
+    def shared_covariance(self) -> Array:
+        """The covariance of the shared variables."""
+        return np.asarray(self.shared_inverse @ self.shared_inverse.T)
+
+    def on_parents(self, k: int) -> Array:
+        """Return S_k over all of y_k."""
+        return np.concatenate([self.S[k], self.beyond[self._rows_beyond(k)].T], axis=1) if self._reach[k] else self.S[k]
+
+    def regression(self, k: int) -> Array:
+        """Return ``A_k = -R_k^-1 S_k``: the mean of x_k is ``A_k y_k + R_k^-1 d_k``."""
+        product = self.inverse[k] @ self.on_parents(k)
+        return np.asarray(np.negative(product, out=product))
+
+    def _rows_beyond(self, k: int) -> slice:
+        return slice(self._begins[k], self._begins[k + 1])
 
     def parents(self, k: int) -> int:
         """Return the size of y_k as far as it is carried; of y_{-1}, behind the first keyframe, that of (x_0, s)."""
@@ -87,22 +102,64 @@ class SquareRoot(Outlined):
     def _reach(self) -> list[int]:
         return [int(count) for count in self.ahead]
 
+    @cached_property
+    def _begins(self) -> list[int]:
+        return [int(begin) for begin in begins_beyond(self.ahead)]
+
+    def conditionals(self) -> tuple[Array, Array, Array, np.ndarray, tuple[int, int]]:
+        """Return those of all keyframes as the kernels take them (kernels/recursions.cpp), without d."""
+        R, S, beyond = map(kernel_argument, (self.R, self.S, self.beyond))
+        return R, S, beyond, np.asarray(self.ahead, dtype=np.int64), (NAV.start, NAV_DIM)
+
+    def back_substituted(self, right: Array, shared: Array) -> Array:
+        """Return x of ``R_k x_k + S_k y_k = right_k``, over ``right`` (n, K, m), where s is ``shared`` (s, m)."""
+        x = kernel_argument(right)
+        if compiled_kernels():
+            from trackfg.numerics import compiled
+
+            compiled.back_substitute(*self.conditionals(), kernel_argument(shared), x)
+            return x
+        n = len(x)
+        window = np.zeros((self.parents(n - 1), x.shape[2]))
+        window[KEYFRAME_DIM : self.size] = shared
+        for k in range(n - 1, -1, -1):
+            x[k] = self.inverse[k] @ (x[k] - self.on_parents(k) @ window)
+            window = np.concatenate([x[k], window[self.kept(k)]])
+        return x
+
+    def forward_substituted(self, right: Array) -> tuple[Array, Array]:
+        """Return y of the transposed system, over its right-hand sides ``right`` (n, K, m), and what these add to
+        those of s, (s, m).
+        """
+        y, columns = kernel_argument(right), right.shape[2]
+        if compiled_kernels():
+            from trackfg.numerics import compiled
+
+            of_shared = np.empty((self.size - KEYFRAME_DIM, columns))
+            compiled.forward_substitute(*self.conditionals(), of_shared, y)
+            return y, of_shared
+        carried = np.zeros((self.size, columns))
+        for k in range(len(y)):
+            y[k] = self.inverse[k].T @ (y[k] + carried[:KEYFRAME_DIM])
+            ahead = np.zeros((self.parents(k), columns))
+            ahead[self.kept(k)] = carried[KEYFRAME_DIM:]
+            carried = ahead - self.on_parents(k).T @ y[k]
+        return y, carried[KEYFRAME_DIM : self.size]
+
     def solution(self) -> Step:
         """Return the least-squares solution, backwards from the last keyframe."""
-        n = len(self.R)
         shared = self.shared_inverse @ self.d_shared
-        x = np.empty((n, KEYFRAME_DIM))
-        y = np.zeros(self.parents(n - 1))
-        y[KEYFRAME_DIM : self.size] = shared
-        for k in range(n - 1, -1, -1):
-            x[k] = self.inverse[k] @ (self.d[k] - self.S[k, :, : y.size] @ y)
-            y = np.concatenate([x[k], y[self.kept(k)]])
-        return Step(x, shared)
+        return Step(self.back_substituted(self.d[:, :, None].copy(), shared[:, None])[:, :, 0], shared)
 
     @property
     def length(self) -> float:
         """The length of the solution in posterior sigmas, ``|R x|``; half its square is what it takes off the cost."""
         return float(np.sqrt(np.sum(self.d**2) + np.sum(self.d_shared**2)))
+
+
+def begins_beyond(ahead: np.ndarray) -> np.ndarray:
+    """Return where the rows of each keyframe begin in ``beyond``, and where they end, shape (n + 1,)."""
+    return np.concatenate([np.zeros(1, dtype=np.int64), NAV_DIM * np.cumsum(ahead, dtype=np.int64)])
 
 
 @lru_cache

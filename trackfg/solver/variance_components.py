@@ -123,10 +123,10 @@ def _spread(covariance: Covariance, first: np.ndarray, last: np.ndarray, here: _
     for begin in range(0, len(spread), _AT_A_TIME):
         rows = slice(begin, begin + _AT_A_TIME)
         J, K = here.jacobian[rows], there.jacobian[rows]
-        at_first = covariance.marginal[first[rows, None, None], here.columns[:, None], here.columns]
+        at_first = covariance.rows(first[rows], here.columns)[:, :, here.columns]
         spread[rows] = np.sum((J @ at_first) * J, axis=2)
         if there.columns.size:
-            at_last = covariance.marginal[last[rows, None], :, there.columns].swapaxes(1, 2)
+            at_last = covariance.rows(last[rows], there.columns).swapaxes(1, 2)
             spread[rows] += np.sum((K @ at_last[:, there.columns]) * K, axis=2)
             spread[rows] += 2.0 * np.sum((J @ _cross(covariance, first[rows], here.columns, at_last)) * K, axis=2)
     return spread

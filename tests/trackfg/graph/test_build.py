@@ -12,6 +12,7 @@ from trackfg.config import SmoothConfig
 from trackfg.datasets.faults import drop_imu, drop_tach
 from trackfg.datasets.scenarios import Simulation
 from trackfg.errors import UnsolvableError
+from trackfg.factors.bias import OF_ACCELEROMETER, OF_GYRO
 from trackfg.factors.factor_type import FactorType
 from trackfg.factors.states import Kind, Nav, Odo, States
 from trackfg.graph.build import Problem, build_problem
@@ -199,3 +200,17 @@ def test_large_biases_make_the_calibration_as_poor_at_most_ten_times(run: Simula
     assert sigmas[1][0] == pytest.approx(poor.imu_grade[0] * sigmas[0][0])
     awful = replace(recording, imu=recording.imu.assign(fz_mps2=recording.imu["fz_mps2"] + 2.0))
     assert build_problem(awful, SmoothConfig()).imu_grade[0] == 10.0
+
+
+def test_a_bias_of_another_kind_of_sensor_makes_both_triads_as_poor(run: Simulation) -> None:
+    recording = run.recording
+    declared = recording.description.imu.noise.accel_bias_sd
+    grades = []
+    for times in (6.0, 15.0):  # the worst of one kind are ten times as poor as the typical ones
+        imu = recording.imu.assign(fz_mps2=recording.imu["fz_mps2"] + times * declared)
+        grades.append(build_problem(replace(recording, imu=imu), SmoothConfig()).imu_grade)
+    worst, of_another_kind = grades
+    assert worst[OF_ACCELEROMETER].min() > 1.0
+    np.testing.assert_array_equal(worst[OF_GYRO], 1.0)
+    np.testing.assert_array_equal(of_another_kind[OF_ACCELEROMETER], 10.0)
+    np.testing.assert_array_equal(of_another_kind[OF_GYRO], 10.0)

@@ -35,6 +35,24 @@ def within(kilometrage, share):
     return start + share * (end - start)
 
 
+@given(kilometrages(), st.floats(-0.1, 1.1), st.floats(1.0, 5000.0), st.sampled_from((1.0, 50.0, 200.0)))
+def test_round_places_are_all_that_there_are(kilometrage, share, length, step):
+    x = within(kilometrage, share)
+    found = kilometrage.round_places(x, x + length, step)
+    steps = kilometrage.official_m(found) / step
+    between = np.flatnonzero(np.isclose(steps, np.round(steps), atol=1e-6))
+    edges = [stretch.from_m for stretch in kilometrage.stretches[1:]]
+    at_edges = sum(bool(np.isclose(edges, one, atol=1e-6, rtol=0.0).any()) for one in found)
+    assert len(found) - len(between) <= at_edges  # the place there is that of the stretch behind
+    assert np.all(np.diff(found) >= -1e-6)
+    assert np.all((found >= x - 1e-6) & (found <= x + length + 1e-6))
+    dense = np.arange(x, x + length, 0.01)
+    passed = np.flatnonzero(np.diff(np.floor(kilometrage.official_m(dense) / step)) != 0.0)
+    for place in dense[passed]:
+        is_edge = np.isclose(edges, place, atol=0.02, rtol=0.0).any()
+        assert is_edge or np.isclose(found, place, atol=0.02, rtol=0.0).any()
+
+
 @given(kilometrages(), st.floats(-0.1, 1.1))
 def test_chainage_is_one_to_one_with_place_and_part(kilometrage, share):
     x = within(kilometrage, share)

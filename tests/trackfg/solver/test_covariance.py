@@ -200,6 +200,29 @@ def test_kernels_leave_the_same_marginals(simulated: Callable[..., Simulation], 
         np.testing.assert_allclose(ours / np.outer(scale, scale), theirs / np.outer(scale, scale), atol=1e-9)
 
 
+def test_kernels_recur_as_numpy_does(solved: Solved, with_both: WithBoth) -> None:
+    """Covariances, samples and products with the covariance, in posterior sigmas."""
+    n, dim = solved.keyframes, KEYFRAME_DIM
+    scale = np.sqrt(np.diag(solved.dense))
+    columns = np.random.default_rng(0).standard_normal((len(scale), 3)) / scale[:, None]
+
+    def recursions() -> tuple[Covariance, list[np.ndarray]]:
+        samples = posterior_samples(solved.root, 4, np.random.default_rng(1))
+        products = times_covariance(solved.root, columns[: n * dim].reshape(n, dim, 3), columns[n * dim :])
+        return posterior_covariance(solved.root), [*samples, *products]
+
+    (ours, drawn), (theirs, also_drawn) = with_both(recursions)
+    sd = np.sqrt(np.diagonal(theirs.marginal, axis1=1, axis2=2))
+    of_both = sd[:, :dim, None] * sd[:, None, :]
+    np.testing.assert_allclose(ours.of_keyframes / of_both, theirs.of_keyframes / of_both, atol=1e-8)
+    shared = np.outer(sd[0, dim:], sd[0, dim:])
+    np.testing.assert_allclose(ours.of_shared / shared, theirs.of_shared / shared, atol=1e-8)
+    per_next = sd[1:, None, :] / sd[:-1, :dim, None]
+    np.testing.assert_allclose(ours.gain * per_next, theirs.gain * per_next, atol=1e-8)
+    for one, other, sigma in zip(drawn, also_drawn, 2 * (sd[:, :dim], sd[0, dim:]), strict=True):
+        np.testing.assert_allclose(one / sigma[..., None], other / sigma[..., None], atol=1e-8)
+
+
 def test_covariance_times_columns_is_that_of_the_dense_system(solved: Solved) -> None:
     rng, n, dim = np.random.default_rng(0), solved.keyframes, KEYFRAME_DIM
     scale = np.sqrt(np.diag(solved.dense))

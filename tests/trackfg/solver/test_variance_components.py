@@ -77,7 +77,7 @@ def test_a_ratio_is_of_the_squares_to_the_redundancy() -> None:
     size, at = KEYFRAME_DIM + SHARED_DIM, offset_in_keyframe(Kind.NAV) + 3
     marginal = np.zeros((n, size, size))
     marginal[:, [at, at + 1, at + 2], [at, at + 1, at + 2]] = 0.5 * sigma**2
-    covariance = Covariance(marginal, np.zeros((n - 1, size, size)))
+    covariance = Covariance.of_marginals(marginal, np.zeros((n - 1, size, size)))
     bridged = SimpleNamespace(bridged=np.ones(n - 1, dtype=bool))
     problem: Any = SimpleNamespace(run=SimpleNamespace(inertial=bridged, edges=np.arange(n)), families=(gnss,))
     solution: Any = SimpleNamespace(states=states)

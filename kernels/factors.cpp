@@ -1,0 +1,557 @@
+// Factors of the graph, whitened residuals and Jacobians at once: the equations of trackfg.factors, factor by factor.
+#include <algorithm>
+#include <cmath>
+#include <vector>
+
+#include "arrays.h"
+#include "rotations.h"
+
+namespace {
+
+constexpr int NAV = 9, BIAS = 6, ODO = 4, MOUNT = 5, CLOCK = 3, IMU = 26, WHEEL = 5, SENSOR = 2;
+constexpr int GYRO_RATE = 6;  // where W begins in IMU, row by row
+constexpr int DISTANCE = 0, SCALE = 1, COUNT = 2, STEP = 3;  // of ODO
+constexpr int MOST_SLOTS = 4, MOST_DATA = 5;
+
+// What a factor is computed from: the values that it touches, slot by slot, and its measurements. Values of NAV are its
+// attitude; position and velocity follow in arrays of their own.
+struct Given {
+    const double *value[MOST_SLOTS], *p[MOST_SLOTS], *v[MOST_SLOTS], *data[MOST_DATA];
+
+    Matrix R(int slot) const { return matrix(value[slot]); }
+    Vector position(int slot) const { return vector(p[slot]); }
+    Vector own_velocity(int slot) const { return transposed(R(slot)) * vector(v[slot]); }
+};
+
+// Rows [A b] of one factor: `columns` of them, or b alone where there is 1. Entries that are not set stay 0.
+struct Rows {
+    double *out;
+    std::ptrdiff_t columns;
+
+    bool with_jacobian() const { return columns > 1; }
+    void residual(int row, double value) const { out[(row + 1) * columns - 1] = -value; }
+    double &at(int row, int column) const { return out[row * columns + column]; }
+    void block(int row, int column, const Matrix &from) const {
+        for (int i = 0; i < 3; ++i)
+            for (int j = 0; j < 3; ++j) at(row + i, column + j) = from[i][j];
+    }
+    void row(int row, int column, const Vector &from) const {
+        for (int j = 0; j < 3; ++j) at(row, column + j) = from[j];
+    }
+};
+
+Vector minus(const Vector &a) { return {{-a[0], -a[1], -a[2]}}; }
+Matrix operator-(const Matrix &a, const Matrix &b) { return a + (-1.0) * b; }
+Vector column(const Matrix &a, int j) { return {{a[0][j], a[1][j], a[2][j]}}; }
+
+// The mounting: travel axes to body axes, its derivatives by pitch and yaw, and the point that follows the track.
+struct Mounting {
+    Matrix R, by[2];
+    Vector point;
+
+    explicit Mounting(const double *mount) : point(vector(mount + 2)) {
+        const double cp = std::cos(mount[0]), sp = std::sin(mount[0]), cy = std::cos(mount[1]), sy = std::sin(mount[1]);
+        R = {{{cy * cp, -sy, cy * sp}, {sy * cp, cy, sy * sp}, {-sp, 0, cp}}};
+        by[0] = {{{-cy * sp, 0, cy * cp}, {-sy * sp, 0, sy * cp}, {-cp, 0, -sp}}};
+        by[1] = {{{-sy * cp, -cy, -sy * sp}, {cy * cp, -sy, cy * sp}, {0, 0, 0}}};
+    }
+    Vector forward() const { return column(R, 0); }
+};
+
+void distance_chain(const Given &given, const Rows &rows) {
+    const double *first = given.value[0], *second = given.value[1];
+    rows.residual(0, second[DISTANCE] - first[DISTANCE] - second[STEP]);
+    rows.residual(1, second[SCALE] - first[SCALE]);
+    if (!rows.with_jacobian()) return;
+    rows.at(0, DISTANCE) = rows.at(1, SCALE) = rows.at(0, ODO + STEP) = -1.0;
+    rows.at(0, ODO + DISTANCE) = rows.at(1, ODO + SCALE) = 1.0;
+}
+
+void tach_distance(const Given &given, const Rows &rows) {
+    const double *first = given.value[0], *second = given.value[1], *wheel = given.value[2], *response = given.data[0];
+    const double turned = second[COUNT] - first[COUNT];
+    double explained = 0.0;
+    for (int i = 0; i < WHEEL; ++i) explained += response[i] * wheel[i];
+    rows.residual(0, first[SCALE] * turned - second[STEP] - explained);
+    if (!rows.with_jacobian()) return;
+    rows.at(0, SCALE) = turned, rows.at(0, COUNT) = -first[SCALE];
+    rows.at(0, ODO + COUNT) = first[SCALE], rows.at(0, ODO + STEP) = -1.0;
+    for (int i = 0; i < WHEEL; ++i) rows.at(0, 2 * ODO + i) = -response[i];
+}
+
+void tach_reading(const Given &given, const Rows &rows) {
+    const double *odo = given.value[0], *clock = given.value[1];
+    const double count = *given.data[0], rate = *given.data[1], since = *given.data[2];
+    rows.residual(0, odo[COUNT] - (count - rate * (clock[0] + clock[1] * since)));
+    if (!rows.with_jacobian()) return;
+    rows.at(0, COUNT) = 1.0, rows.at(0, ODO) = rate, rows.at(0, ODO + 1) = rate * since;
+}
+
+void absolute_fix(const Given &given, const Rows &rows) {
+    rows.residual(0, given.value[0][DISTANCE] - *given.data[0]);
+    if (rows.with_jacobian()) rows.at(0, DISTANCE) = 1.0;
+}
+
+// phi / sin(phi) and its derivative by cos(phi), by series near zero.
+void angle_over_sine(double cosine, double &value, double &slope) {
+    const double x = 1.0 - std::min(cosine, 1.0);
+    if (x < 1e-4) {
+        value = 1.0 + x / 3.0 + 2.0 * x * x / 15.0, slope = -(1.0 / 3.0 + 4.0 * x / 15.0);
+        return;
+    }
+    const double phi = std::acos(std::min(cosine, 1.0)), sine = std::sin(phi);
+    value = phi / sine, slope = -(sine - phi * std::cos(phi)) / (sine * sine * sine);
+}
+
+// From keyframe to keyframe, the way of the point that follows the track.
+Vector chord(const Given &given, const Vector &from_track) {
+    return (given.position(1) - given.R(1) * from_track) - (given.position(0) - given.R(0) * from_track);
+}
+
+void arc_length(const Given &given, const Rows &rows) {
+    const Mounting mount(given.value[3]);
+    const Vector from_track = vector(given.data[0]) - mount.point, f = mount.forward(), way = chord(given, from_track);
+    const Vector t[2] = {given.R(0) * f, given.R(1) * f}, mean = 0.5 * (t[0] + t[1]);
+    const double along = dot(way, mean);
+    double ratio, by_cosine;
+    angle_over_sine(dot(t[0], t[1]), ratio, by_cosine);
+    rows.residual(0, ratio * along - given.value[2][STEP]);
+    if (!rows.with_jacobian()) return;
+    const int at_mount = 2 * NAV + ODO;
+    rows.at(0, 2 * NAV + STEP) = -1.0;
+    for (int end = 0; end < 2; ++end) {
+        const Matrix back = transposed(given.R(end));
+        const Vector toward = ((end == 0 ? -1.0 : 1.0) * ratio) * (back * mean);
+        const Vector direction = back * ((0.5 * ratio) * way + (along * by_cosine) * t[1 - end]);
+        rows.row(0, NAV * end, cross(toward, from_track) + cross(f, direction));
+        rows.row(0, NAV * end + 3, toward);
+        for (int angle = 0; angle < 2; ++angle)
+            rows.at(0, at_mount + angle) += dot(column(mount.by[angle], 0), direction);
+        for (int i = 0; i < 3; ++i) rows.at(0, at_mount + 2 + i) += toward[i];
+    }
+}
+
+void path(const Given &given, const Rows &rows) {
+    const Mounting mount(given.value[2]);
+    const Matrix first = given.R(0), turn = matrix(given.data[0]), mean = matrix(given.data[1]),
+                 mean_by_time = matrix(given.data[2]);
+    const Vector ahead = vector(given.data[3]), felt = matrix(given.value[3] + GYRO_RATE) * ahead;
+    const Vector from_track = vector(given.data[4]) - mount.point, f = mount.forward();
+    const Matrix relative = transposed(first) * given.R(1);
+    const Vector u = transposed(first) * chord(given, from_track), e = logarithm(transposed(turn) * relative);
+    const Matrix c_by_e = -1.0 * (mean_by_time * skew(f)), c_by_w = mean * skew(f);
+    const Vector c = mean * f + c_by_e * e + c_by_w * felt;
+    const double slope[2] = {c[1] / c[0], c[2] / c[0]}, share = u[0] / c[0];
+    for (int i = 0; i < 2; ++i) rows.residual(i, u[1 + i] - slope[i] * u[0]);
+    if (!rows.with_jacobian()) return;
+    // Rows 2 and 3 of a derivative less `slope` times row 1.
+    const auto add_across = [&](int column, const Matrix &derivative, double factor, int count = 3) {
+        for (int i = 0; i < 2; ++i)
+            for (int j = 0; j < count; ++j)
+                rows.at(i, column + j) += factor * (derivative[1 + i][j] - slope[i] * derivative[0][j]);
+    };
+    const Matrix by_e = c_by_e * Rotation(e).inverse_jacobian(), arm = skew(from_track);
+    add_across(0, skew(u) - arm, 1.0);
+    add_across(0, by_e * transposed(relative), share);
+    add_across(3, IDENTITY, -1.0);
+    add_across(NAV, relative * arm, 1.0);
+    add_across(NAV, by_e, -share);
+    add_across(NAV + 3, relative, 1.0);
+    const Matrix by_f = mean + mean_by_time * skew(e) - mean * skew(felt);
+    Matrix by_angles = 0.0 * IDENTITY;
+    for (int angle = 0; angle < 2; ++angle) {
+        const Vector derivative = by_f * column(mount.by[angle], 0);
+        for (int i = 0; i < 3; ++i) by_angles[i][angle] = derivative[i];
+    }
+    add_across(2 * NAV, by_angles, -share, 2);
+    add_across(2 * NAV + 2, relative - IDENTITY, 1.0);
+    for (int axis = 0; axis < 3; ++axis) {
+        Matrix by_rate = 0.0 * IDENTITY;  // of row `axis` of W
+        for (int i = 0; i < 3; ++i)
+            for (int j = 0; j < 3; ++j) by_rate[i][j] = c_by_w[i][axis] * ahead[j];
+        add_across(2 * NAV + MOUNT + GYRO_RATE + 3 * axis, by_rate, -share);
+    }
+}
+
+void non_holonomic(const Given &given, const Rows &rows) {
+    const Mounting mount(given.value[1]);
+    const Vector rate = vector(given.data[0]), body = given.own_velocity(0);
+    const Vector on_track = body - cross(rate, vector(given.data[1]) - mount.point);
+    for (int i = 0; i < 2; ++i) {
+        const Vector side = column(mount.R, 1 + i);
+        rows.residual(i, dot(side, on_track));
+        if (!rows.with_jacobian()) continue;
+        rows.row(i, 0, cross(side, body));  // side' [body]x
+        rows.row(i, 6, side);
+        for (int angle = 0; angle < 2; ++angle)
+            rows.at(i, NAV + angle) = dot(column(mount.by[angle], 1 + i), on_track);
+        rows.row(i, NAV + 2, cross(side, rate));
+    }
+}
+
+void bias_walk(const Given &given, const Rows &rows) {
+    const double *first = given.value[0], *second = given.value[1], *calibration = given.value[2];
+    for (int i = 0; i < BIAS; ++i) {
+        const double *change = given.data[0] + IMU * i;
+        double explained = 0.0;
+        for (int j = 0; j < IMU; ++j) explained += change[j] * calibration[j];
+        rows.residual(i, second[i] - first[i] - explained);
+        if (!rows.with_jacobian()) continue;
+        rows.at(i, i) = -1.0, rows.at(i, BIAS + i) = 1.0;
+        for (int j = 0; j < IMU; ++j) rows.at(i, 2 * BIAS + j) = -change[j];
+    }
+}
+
+void at_rest(const Given &given, const Rows &rows) {
+    for (int i = 0; i < 3; ++i) rows.residual(i, given.v[0][i]);
+    if (rows.with_jacobian()) rows.block(0, 6, given.R(0));
+}
+
+void standstill(const Given &given, const Rows &rows) {
+    const Matrix back = transposed(given.R(0)), relative = back * given.R(1);
+    const Vector turn = logarithm(relative), shift = back * (given.position(1) - given.position(0));
+    for (int i = 0; i < 3; ++i) rows.residual(i, turn[i]), rows.residual(3 + i, shift[i]);
+    if (!rows.with_jacobian()) return;
+    const Matrix inverse = Rotation(turn).inverse_jacobian();
+    rows.block(0, 0, -1.0 * (inverse * transposed(relative)));
+    rows.block(3, 0, skew(shift));
+    rows.block(3, 3, -1.0 * IDENTITY);
+    rows.block(0, NAV, inverse);
+    rows.block(3, NAV + 3, relative);
+}
+
+// The kinds of variables in the order in which Python passes their values, those of NAV as three arrays.
+enum Variable { OF_NAV, OF_BIAS, OF_ODO, OF_MOUNT, OF_CLOCK, OF_IMU, OF_WHEEL, VARIABLES };
+constexpr int DIMENSION[VARIABLES] = {NAV, BIAS, ODO, MOUNT, CLOCK, IMU, WHEEL};
+constexpr Variable NONE = VARIABLES;
+
+struct Type {
+    const char *name;
+    void (*compute)(const Given &, const Rows &);
+    int rows;
+    Variable slots[MOST_SLOTS];
+    int data[MOST_DATA];  // numbers per factor of each measurement, 0 where there is none
+
+    std::ptrdiff_t columns() const {
+        std::ptrdiff_t sum = 1;
+        for (const Variable slot : slots) sum += slot == NONE ? 0 : DIMENSION[slot];
+        return sum;
+    }
+};
+
+const Type TYPES[] = {
+    {"distance_chain", distance_chain, 2, {OF_ODO, OF_ODO, NONE, NONE}, {}},
+    {"tach_distance", tach_distance, 1, {OF_ODO, OF_ODO, OF_WHEEL, NONE}, {WHEEL}},
+    {"tach_reading", tach_reading, 1, {OF_ODO, OF_CLOCK, NONE, NONE}, {1, 1, 1}},
+    {"absolute_fix", absolute_fix, 1, {OF_ODO, NONE, NONE, NONE}, {1}},
+    {"arc_length", arc_length, 1, {OF_NAV, OF_NAV, OF_ODO, OF_MOUNT}, {3}},
+    {"path", path, 2, {OF_NAV, OF_NAV, OF_MOUNT, OF_IMU}, {9, 9, 9, 3, 3}},
+    {"non_holonomic", non_holonomic, 2, {OF_NAV, OF_MOUNT, NONE, NONE}, {3, 3}},
+    {"bias_walk", bias_walk, 6, {OF_BIAS, OF_BIAS, OF_IMU, NONE}, {BIAS * IMU}},
+    {"at_rest", at_rest, 3, {OF_NAV, NONE, NONE, NONE}, {}},
+    {"standstill", standstill, 6, {OF_NAV, OF_NAV, NONE, NONE}, {}},
+};
+
+// Buffers of a tuple of arrays of doubles of any shape in C order: of each, how many rows and numbers it has.
+class Arrays {
+  public:
+    explicit Arrays(PyObject *tuple) {
+        if (!PyTuple_Check(tuple)) {
+            PyErr_SetString(PyExc_TypeError, "expected a tuple of arrays");
+            return;
+        }
+        count_ = PyTuple_Size(tuple);
+        if (count_ > MOST) {
+            refused("too many");
+            return;
+        }
+        for (; held_ < count_; ++held_)
+            if (PyObject_GetBuffer(PyTuple_GetItem(tuple, held_), &views_[held_], PyBUF_C_CONTIGUOUS | PyBUF_FORMAT) != 0)
+                return;
+        for (Py_ssize_t i = 0; i < count_; ++i) {
+            const char *format = views_[i].format == nullptr ? "B" : views_[i].format;
+            if (std::strcmp(format, "d") != 0 || views_[i].ndim < 1) {
+                PyErr_SetString(PyExc_TypeError, "expected arrays of doubles");
+                return;
+            }
+            if (!is_aligned(views_[i], alignof(double))) return;
+        }
+        ok_ = true;
+    }
+    ~Arrays() {
+        for (Py_ssize_t i = 0; i < held_; ++i) PyBuffer_Release(&views_[i]);
+    }
+    Arrays(const Arrays &) = delete;
+    Arrays &operator=(const Arrays &) = delete;
+
+    bool ok() const { return ok_; }
+    std::ptrdiff_t count() const { return count_; }
+    const double *data(std::ptrdiff_t i) const { return static_cast<const double *>(views_[i].buf); }
+    std::ptrdiff_t rows(std::ptrdiff_t i) const { return views_[i].shape[0]; }
+    std::ptrdiff_t total(std::ptrdiff_t i) const { return views_[i].len / static_cast<Py_ssize_t>(sizeof(double)); }
+    bool has(std::ptrdiff_t i, std::ptrdiff_t rows, std::ptrdiff_t numbers) const {
+        return this->rows(i) == rows && total(i) == rows * numbers;
+    }
+
+  private:
+    static constexpr Py_ssize_t MOST = 10;
+    Py_buffer views_[MOST];
+    Py_ssize_t count_ = 0, held_ = 0;
+    bool ok_ = false;
+};
+
+// Values of all variables, as States.arrays has them: R, p and v of NAV, then the others, one row for each variable.
+struct Values {
+    std::ptrdiff_t count[VARIABLES] = {};
+    const double *value[VARIABLES], *p, *v;
+    bool ok = false;
+
+    explicit Values(const Arrays &arrays) {
+        if (arrays.count() != VARIABLES + 2) return;
+        const std::ptrdiff_t keyframes = arrays.rows(0);
+        if (!arrays.has(0, keyframes, 9) || !arrays.has(1, keyframes, 3) || !arrays.has(2, keyframes, 3)) return;
+        value[OF_NAV] = arrays.data(0), p = arrays.data(1), v = arrays.data(2), count[OF_NAV] = keyframes;
+        for (int kind = OF_BIAS; kind < VARIABLES; ++kind) {
+            count[kind] = arrays.rows(kind + 2), value[kind] = arrays.data(kind + 2);
+            if (!arrays.has(kind + 2, count[kind], DIMENSION[kind])) return;
+        }
+        ok = true;
+    }
+};
+
+}  // namespace
+
+// linear_rows(type, values, indices, data, sigma (m, d), width, rows (m, d, c)): factors of a type on `values` (as
+// States.arrays has them), of which slot j of a factor touches number indices[j]. Rows [A b], or b alone where c is 1, are
+// whitened and, where `width` is above 0, weighted by Huber's loss, where it is below 0 by Cauchy's of width -`width`.
+// Returns whether all numbers are finite and none is beyond all bounds: so is the sum of their squares.
+PyObject *linear_rows(PyObject *, PyObject *arguments) {
+    const char *name;
+    PyObject *py[5];
+    double width;
+    if (!PyArg_ParseTuple(arguments, "sOOOOdO", &name, &py[0], &py[1], &py[2], &py[3], &width, &py[4])) return nullptr;
+    const Type *type = std::find_if(std::begin(TYPES), std::end(TYPES),
+                                    [&](const Type &one) { return std::strcmp(one.name, name) == 0; });
+    if (type == std::end(TYPES)) return refused("a type of factors that has no kernel");
+    const Arrays arrays(py[0]);
+    if (!arrays.ok()) return nullptr;
+    const Values values(arrays);
+    if (!values.ok) return refused("values");
+    const Arrays data(py[2]);
+    if (!data.ok()) return nullptr;
+    const Doubles sigma(py[3], 2), out(py[4], 3, true);
+    if (!sigma.ok() || !out.ok()) return nullptr;
+    const std::ptrdiff_t factors = sigma.size(0), columns = out.size(2);
+    if (sigma.size(1) != type->rows || out.size(0) != factors || out.size(1) != type->rows ||
+        (columns != 1 && columns != type->columns()))
+        return refused("rows");
+    int measurements = 0;
+    for (; measurements < MOST_DATA && type->data[measurements] > 0; ++measurements)
+        if (measurements >= data.count() || !data.has(measurements, factors, type->data[measurements]))
+            return refused("measurements");
+    if (data.count() != measurements) return refused("measurements");
+
+    std::vector<std::int64_t> index[MOST_SLOTS];
+    if (!PyTuple_Check(py[1])) return refused("slots");
+    int slots = 0;
+    for (; slots < MOST_SLOTS && type->slots[slots] != NONE; ++slots) {
+        if (slots >= PyTuple_Size(py[1])) return refused("slots");
+        const Integers own(PyTuple_GetItem(py[1], slots), 1);
+        if (!own.ok()) return nullptr;
+        if (own.size(0) != factors) return refused("slots");
+        index[slots].assign(own.data(), own.data() + factors);
+        for (const std::int64_t at : index[slots])
+            if (at < 0 || at >= values.count[type->slots[slots]]) return refused("slots");
+    }
+    if (PyTuple_Size(py[1]) != slots) return refused("slots");
+
+    double bound = 0.0;
+    std::fill_n(out.data(), out.total(), 0.0);
+    Py_BEGIN_ALLOW_THREADS;
+    for (std::ptrdiff_t k = 0; k < factors; ++k) {
+        Given given{};
+        for (int slot = 0; slot < slots; ++slot) {
+            const Variable kind = type->slots[slot];
+            const std::int64_t at = index[slot][k];
+            given.value[slot] = values.value[kind] + at * DIMENSION[kind];
+            if (kind == OF_NAV) given.p[slot] = values.p + 3 * at, given.v[slot] = values.v + 3 * at;
+        }
+        for (int i = 0; i < measurements; ++i) given.data[i] = data.data(i) + k * type->data[i];
+        const Rows rows{out.data() + k * type->rows * columns, columns};
+        type->compute(given, rows);
+        double square = 0.0;
+        for (int i = 0; i < type->rows; ++i) {
+            const double scale = 1.0 / sigma.data()[k * type->rows + i];
+            for (std::ptrdiff_t j = 0; j < columns; ++j) {
+                double &entry = rows.out[i * columns + j];
+                bound += entry * entry;
+                entry *= scale;
+            }
+            const double b = rows.out[(i + 1) * columns - 1];
+            square += b * b;
+        }
+        const double norm = std::sqrt(square), share = norm / width;
+        const double weight = width > 0.0   ? std::min(1.0, width / std::max(norm, 1e-12))
+                              : width < 0.0 ? 1.0 / (1.0 + share * share)
+                                            : 1.0;
+        if (weight != 1.0)
+            for (std::ptrdiff_t i = 0; i < type->rows * columns; ++i) rows.out[i] *= std::sqrt(weight);
+    }
+    Py_END_ALLOW_THREADS;
+    return PyBool_FromLong(std::isfinite(bound));
+}
+
+namespace {
+
+struct Angles {
+    double roll, pitch, yaw;
+
+    explicit Angles(const Matrix &R)
+        : roll(std::atan2(R[2][1], R[2][2])), pitch(std::asin(std::clamp(-R[2][0], -1.0, 1.0))),
+          yaw(std::atan2(R[1][0], R[0][0])) {}
+
+    Matrix euler_rates() const {
+        const double sr = std::sin(roll), cr = std::cos(roll), cp = std::cos(pitch), tp = std::tan(pitch);
+        return {{{1, sr * tp, cr * tp}, {0, cr, -sr}, {0, sr / cp, cr / cp}}};
+    }
+    Matrix body_rates() const {
+        const double sr = std::sin(roll), cr = std::cos(roll), sp = std::sin(pitch), cp = std::cos(pitch);
+        return {{{1, 0, -sp}, {0, cr, sr * cp}, {0, -sr, cr * cp}}};
+    }
+};
+
+// The tangent of a navigation state from its linearisation point in the chart of trackfg.factors.marginal_prior, and the
+// derivative of that by the tangent of the state.
+void nav_coordinates(const Given &given, double (&tangent)[NAV], double (&by_state)[NAV][NAV]) {
+    const Matrix R = given.R(0), R_origin = given.R(1), back = transposed(R_origin);
+    const Angles angles(R), origin(R_origin);
+    const Matrix rates = origin.body_rates();
+    double yaw = angles.yaw - origin.yaw;
+    yaw -= 2.0 * M_PI * std::nearbyint(yaw / (2.0 * M_PI));
+    const Vector turn = rates * Vector{{angles.roll - origin.roll, angles.pitch - origin.pitch, yaw}};
+    const Vector shift = back * (given.position(0) - given.position(1)), own = given.own_velocity(0);
+    const Vector before = given.own_velocity(1), faster = own - before - cross(before, turn);
+    const Matrix by_turn = rates * angles.euler_rates(), by_shift = back * R;
+    const Matrix faster_by_turn = skew(own) - skew(before) * by_turn;
+    for (int i = 0; i < 3; ++i) {
+        tangent[i] = turn[i], tangent[3 + i] = shift[i], tangent[6 + i] = faster[i];
+        by_state[6 + i][6 + i] = 1.0;
+        for (int j = 0; j < 3; ++j) {
+            by_state[i][j] = by_turn[i][j], by_state[3 + i][3 + j] = by_shift[i][j];
+            by_state[6 + i][j] = faster_by_turn[i][j];
+        }
+    }
+}
+
+}  // namespace
+
+// marginal_prior(values, sensor (s, 2), keyframe, origins, sensor_origins (s, 2), A (r, n), b (r), sigma (r),
+// rows (r, n + 1)): the factor on a keyframe and the shared variables, linearised at `values`; `origins` are those of one
+// keyframe. Both are as States.arrays has them. Returns as linear_rows().
+PyObject *marginal_prior(PyObject *, PyObject *arguments) {
+    PyObject *py[8];
+    Py_ssize_t keyframe;
+    if (!PyArg_ParseTuple(arguments, "OOnOOOOOO", &py[0], &py[1], &keyframe, &py[2], &py[3], &py[4], &py[5], &py[6],
+                          &py[7]))
+        return nullptr;
+    const Arrays arrays(py[0]);
+    if (!arrays.ok()) return nullptr;
+    const Doubles sensor(py[1], 2);
+    if (!sensor.ok()) return nullptr;
+    const Arrays origin_arrays(py[2]);
+    if (!origin_arrays.ok()) return nullptr;
+    const Doubles sensor_origin(py[3], 2), A(py[4], 2), b(py[5], 1), sigma(py[6], 1), rows(py[7], 2, true);
+    if (!sensor_origin.ok() || !A.ok() || !b.ok() || !sigma.ok() || !rows.ok()) return nullptr;
+    const Values values(arrays), origins(origin_arrays);
+    if (!values.ok || !origins.ok || keyframe < 0 || keyframe >= values.count[OF_NAV]) return refused("values");
+    constexpr Variable ORDER[] = {OF_ODO, OF_BIAS, OF_NAV, OF_MOUNT, OF_CLOCK, OF_IMU, OF_WHEEL};
+    std::ptrdiff_t n = 0;
+    for (const Variable kind : ORDER) {
+        n += DIMENSION[kind];
+        const bool shared = kind >= OF_MOUNT;
+        if (origins.count[kind] != 1 || values.count[kind] != (shared ? 1 : values.count[OF_NAV]))
+            return refused("values");
+    }
+    const std::ptrdiff_t of_sensors = sensor_origin.total(), tall = A.size(0);
+    if (sensor.size(1) != SENSOR || sensor_origin.size(1) != SENSOR || sensor_origin.size(0) != sensor.size(0))
+        return refused("sensors");
+    n += of_sensors;
+    if (A.size(1) != n || b.size(0) != tall || sigma.size(0) != tall || rows.size(0) != tall || rows.size(1) != n + 1)
+        return refused("rows");
+
+    std::vector<double> x;
+    x.reserve(n);
+    std::ptrdiff_t at_nav = 0;
+    double by_state[NAV][NAV] = {};
+    for (const Variable kind : ORDER) {
+        const std::ptrdiff_t own = kind >= OF_MOUNT ? 0 : keyframe;
+        if (kind == OF_NAV) {
+            Given given{};
+            given.value[0] = values.value[OF_NAV] + 9 * own, given.value[1] = origins.value[OF_NAV];
+            given.p[0] = values.p + 3 * own, given.p[1] = origins.p;
+            given.v[0] = values.v + 3 * own, given.v[1] = origins.v;
+            double tangent[NAV];
+            nav_coordinates(given, tangent, by_state);
+            at_nav = static_cast<std::ptrdiff_t>(x.size());
+            x.insert(x.end(), tangent, tangent + NAV);
+        } else
+            for (int i = 0; i < DIMENSION[kind]; ++i)
+                x.push_back(values.value[kind][own * DIMENSION[kind] + i] - origins.value[kind][i]);
+    }
+    for (std::ptrdiff_t i = 0; i < of_sensors; ++i) x.push_back(sensor.data()[i] - sensor_origin.data()[i]);
+
+    double bound = 0.0;
+    for (std::ptrdiff_t i = 0; i < tall; ++i) {
+        const double *from = A.data() + i * n, scale = 1.0 / sigma.data()[i];
+        double *row = rows.data() + i * (n + 1), sum = b.data()[i];
+        for (std::ptrdiff_t j = 0; j < n; ++j) sum -= from[j] * x[j], row[j] = from[j];
+        for (int j = 0; j < NAV; ++j) {
+            double by = 0.0;
+            for (int k = 0; k < NAV; ++k) by += from[at_nav + k] * by_state[k][j];
+            row[at_nav + j] = by;
+        }
+        row[n] = sum;
+        for (std::ptrdiff_t j = 0; j <= n; ++j) bound += row[j] * row[j], row[j] *= scale;
+    }
+    return PyBool_FromLong(std::isfinite(bound));
+}
+
+// switch_chain(z (n), transition (2, 2), stay_cost, outlier, inlier_before, first (n)): the probability that each error
+// belongs to the first state given all of them, forwards and backwards along the chain of trackfg.factors.switching
+// (Rabiner, Proceedings of the IEEE 77 (1989)). Returns that of the last one by those up to it.
+PyObject *switch_chain(PyObject *, PyObject *arguments) {
+    PyObject *py[3];
+    double stay_cost, outlier, inlier_before;
+    if (!PyArg_ParseTuple(arguments, "OOdddO", &py[0], &py[1], &stay_cost, &outlier, &inlier_before, &py[2]))
+        return nullptr;
+    const Doubles z(py[0], 1), transition(py[1], 2), first(py[2], 1, true);
+    if (!z.ok() || !transition.ok() || !first.ok()) return nullptr;
+    const std::ptrdiff_t n = z.size(0);
+    if (transition.size(0) != 2 || transition.size(1) != 2 || first.size(0) != n) return refused("a chain");
+    const double *T = transition.data();
+    // What an error says of the states, up to a factor.
+    const auto likelihood = [&](std::ptrdiff_t k, double &in, double &out) {
+        const double own = z.data()[k], costs[2] = {0.5 * own * own, stay_cost + 0.5 * own / outlier * (own / outlier)};
+        const double least = std::min(costs[0], costs[1]);
+        in = std::exp(least - costs[0]), out = std::exp(least - costs[1]);
+    };
+    double in = inlier_before, out = 1.0 - inlier_before, of_in, of_out;
+    for (std::ptrdiff_t k = 0; k < n; ++k) {
+        likelihood(k, of_in, of_out);
+        const double next_in = (in * T[0] + out * T[2]) * of_in, next_out = (in * T[1] + out * T[3]) * of_out;
+        in = next_in / (next_in + next_out), out = next_out / (next_in + next_out);
+        first.data()[k] = in;
+    }
+    double after_in = 1.0, after_out = 1.0;
+    for (std::ptrdiff_t k = n - 1; k >= 0; --k) {
+        double &own = first.data()[k];
+        const double as_in = own * after_in, as_out = (1.0 - own) * after_out;
+        own = as_in / (as_in + as_out);
+        likelihood(k, of_in, of_out);
+        const double before_in = T[0] * of_in * after_in + T[1] * of_out * after_out;
+        const double before_out = T[2] * of_in * after_in + T[3] * of_out * after_out;
+        const double largest = std::max(before_in, before_out);
+        after_in = before_in / largest, after_out = before_out / largest;
+    }
+    return PyFloat_FromDouble(in);
+}

@@ -1,0 +1,368 @@
+// The white floor of inertial samples, what they hide and what shocks show: trackfg.sensors.imu_noise, in one pass.
+//
+// Spectra are those of blocks of 2^k samples: a fast Fourier transform of radix two (Cooley and Tukey, Mathematics of
+// Computation 19 (1965)) of all six channels side by side, two real samples to a complex number.
+#include <algorithm>
+#include <cfloat>
+#include <cmath>
+#include <vector>
+
+#include "arrays.h"
+
+namespace {
+
+constexpr int CHANNELS = 6, AXES = 3, BANDS = 3, NEIGHBOURS = 5;
+constexpr int SHORTEST = 2 << BANDS;  // two values of a spectrum in the lowest band
+
+// In the order of _LIMITS in imu_noise.py, which says what they are.
+struct Limits {
+    double scatter, euler, same, longer, extremes, fine_steps, near_extreme, shock_spread, pause_s, shock_s, shock_limit;
+};
+constexpr int LIMITS = sizeof(Limits) / sizeof(double);
+
+// As numpy has it: the mean of the middle two of an even number, and no number of those that are not all numbers.
+double median(std::vector<double> &values) {
+    const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
+    for (const double value : values)
+        if (std::isnan(value)) return value;
+    std::nth_element(values.begin(), middle, values.end());
+    if (values.size() % 2 == 1) return *middle;
+    return 0.5 * (*std::max_element(values.begin(), middle) + *middle);
+}
+
+// Spectra of blocks of one length.
+class Spectrum {
+  public:
+    explicit Spectrum(std::ptrdiff_t length)
+        : length_(length), half_(length / 2), window_(length), cosine_(half_), sine_(half_), reversed_(half_),
+          real_(half_ * CHANNELS), imaginary_(half_ * CHANNELS) {
+        for (std::ptrdiff_t i = 0; i < length; ++i) {
+            const double angle = 2.0 * M_PI * static_cast<double>(i) / static_cast<double>(length);
+            window_[i] = 0.5 - 0.5 * std::cos(angle);
+            power_ += window_[i] * window_[i];
+            if (i < half_) cosine_[i] = std::cos(angle), sine_[i] = -std::sin(angle);
+        }
+        for (std::ptrdiff_t i = 1, bits = half_ / 2; i < half_; ++i) {
+            std::ptrdiff_t j = reversed_[i - 1], bit = bits;
+            for (; j & bit; bit >>= 1) j ^= bit;
+            reversed_[i] = j | bit;
+        }
+    }
+
+    double window_power() const { return power_; }
+
+    // Write the mean log of the power in each band, (CHANNELS, BANDS), of the samples of a block, (length, CHANNELS).
+    void mean_logs(const double *samples, double *out) {
+        transform(samples);
+        for (int band = 0; band < BANDS; ++band) {
+            const std::ptrdiff_t begin = half_ >> (BANDS - band), end = 2 * begin;
+            double sums[CHANNELS] = {};
+            for (std::ptrdiff_t k = begin; k < end; ++k)
+                for (int c = 0; c < CHANNELS; ++c) sums[c] += std::log(std::max(power_at(k, c), DBL_MIN));
+            for (int c = 0; c < CHANNELS; ++c) out[c * BANDS + band] = sums[c] / static_cast<double>(end - begin);
+        }
+    }
+
+  private:
+    WITH_VECTOR_UNITS void transform(const double *samples) {
+        double mean[CHANNELS] = {};
+        for (std::ptrdiff_t i = 0; i < length_; ++i)
+            for (int c = 0; c < CHANNELS; ++c) mean[c] += samples[i * CHANNELS + c];
+        for (double &one : mean) one /= static_cast<double>(length_);
+        for (std::ptrdiff_t i = 0; i < half_; ++i) {
+            const double *even = samples + 2 * i * CHANNELS, *odd = even + CHANNELS;
+            double *real = &real_[reversed_[i] * CHANNELS], *imaginary = &imaginary_[reversed_[i] * CHANNELS];
+            for (int c = 0; c < CHANNELS; ++c) {
+                real[c] = (even[c] - mean[c]) * window_[2 * i];
+                imaginary[c] = (odd[c] - mean[c]) * window_[2 * i + 1];
+            }
+        }
+        for (std::ptrdiff_t reach = 1; reach < half_; reach *= 2)
+            for (std::ptrdiff_t begin = 0; begin < half_; begin += 2 * reach)
+                for (std::ptrdiff_t k = 0; k < reach; ++k) {
+                    const double c = cosine_[k * (half_ / reach)], s = sine_[k * (half_ / reach)];
+                    double *a = &real_[(begin + k) * CHANNELS], *b = &imaginary_[(begin + k) * CHANNELS];
+                    double *x = a + reach * CHANNELS, *y = b + reach * CHANNELS;
+                    for (int i = 0; i < CHANNELS; ++i) {
+                        const double turned_x = c * x[i] - s * y[i], turned_y = c * y[i] + s * x[i];
+                        x[i] = a[i] - turned_x, y[i] = b[i] - turned_y;
+                        a[i] += turned_x, b[i] += turned_y;
+                    }
+                }
+    }
+
+    // The squared magnitude of the spectrum at frequency k, 0 < k < half: even samples and odd ones put together.
+    double power_at(std::ptrdiff_t k, int channel) const {
+        const std::ptrdiff_t near = k * CHANNELS + channel, far = (half_ - k) * CHANNELS + channel;
+        const double even_x = 0.5 * (real_[near] + real_[far]), even_y = 0.5 * (imaginary_[near] - imaginary_[far]);
+        const double odd_x = 0.5 * (imaginary_[near] + imaginary_[far]), odd_y = 0.5 * (real_[far] - real_[near]);
+        const double x = even_x + cosine_[k] * odd_x - sine_[k] * odd_y;
+        const double y = even_y + cosine_[k] * odd_y + sine_[k] * odd_x;
+        return x * x + y * y;
+    }
+
+    std::ptrdiff_t length_, half_;
+    double power_ = 0.0;
+    std::vector<double> window_, cosine_, sine_;
+    std::vector<std::ptrdiff_t> reversed_;
+    std::vector<double> real_, imaginary_;
+};
+
+// A record in blocks of `length` samples: block j begins at sample starts[j]; `dt` is its sampling interval, s.
+class Record {
+  public:
+    Record(const Doubles &edges, const Doubles &gyro, const Doubles &accel, const Flags &bridged, const Integers &starts,
+           std::ptrdiff_t length, double dt, const Limits &limits)
+        : edges_(edges.data()), bridged_(bridged.data()), starts_(starts.data()), count_(gyro.size(0)),
+          blocks_(starts.size(0)), length_(length), dt_(dt), limits_(limits), samples_(count_ * CHANNELS) {
+        for (std::ptrdiff_t i = 0; i < count_; ++i)
+            for (int axis = 0; axis < AXES; ++axis) {
+                samples_[i * CHANNELS + axis] = gyro.data()[i * AXES + axis];
+                samples_[i * CHANNELS + AXES + axis] = accel.data()[i * AXES + axis];
+            }
+        for (int c = 0; c < CHANNELS; ++c) {
+            step_[c] = HUGE_VAL;
+            for (std::ptrdiff_t i = 1; i < count_; ++i) {
+                const double difference = std::abs(at(i, c) - at(i - 1, c));
+                if (difference > limits_.same) step_[c] = std::min(step_[c], difference);
+            }
+            if (!std::isfinite(step_[c])) step_[c] = 0.0;
+        }
+    }
+
+    // Densities squared of the floor, or of rounding where that is more, (blocks, CHANNELS).
+    void floor(double *seen) const {
+        Spectrum spectrum(length_);
+        std::vector<double> logs(blocks_ * CHANNELS * BANDS);
+        for (std::ptrdiff_t j = 0; j < blocks_; ++j)
+            spectrum.mean_logs(&samples_[starts_[j] * CHANNELS], &logs[j * CHANNELS * BANDS]);
+        double scatter[BANDS];
+        for (int band = 0; band < BANDS; ++band)
+            scatter[band] = limits_.scatter / std::sqrt(static_cast<double>((length_ / 2) >> (BANDS - band)));
+        for (std::ptrdiff_t j = 0; j < blocks_; ++j) {
+            const std::uint8_t *own = bridged_ + starts_[j];
+            const bool whole = std::none_of(own, own + length_, [](std::uint8_t one) { return one != 0; });
+            for (int c = 0; c < CHANNELS; ++c) {
+                double least = HUGE_VAL;
+                for (int band = 0; band < BANDS; ++band) {
+                    double near[NEIGHBOURS];
+                    for (std::ptrdiff_t i = 0; i < NEIGHBOURS; ++i) {
+                        const std::ptrdiff_t neighbour = std::clamp(j + i - NEIGHBOURS / 2, std::ptrdiff_t{0}, blocks_ - 1);
+                        near[i] = logs[(neighbour * CHANNELS + c) * BANDS + band];
+                    }
+                    least = std::min(least, middle(near) + scatter[band]);
+                }
+                const double density = whole ? std::exp(least + limits_.euler) * dt_ / spectrum.window_power() : 0.0;
+                seen[j * CHANNELS + c] = std::max(density, rounding(j, c));
+            }
+        }
+    }
+
+    // Rows at which samples are missing or cut off, and how much of each channel that hides; returns their number.
+    std::ptrdiff_t hidden(std::int64_t *rows, double *lost) const {
+        std::vector<std::uint8_t> cut_off = this->cut_off();
+        std::ptrdiff_t found = 0, of_block = -1;
+        double furthest[CHANNELS];
+        for (std::ptrdiff_t i = 0; i < count_; ++i) {
+            const double duration = edges_[i + 1] - edges_[i];
+            const double longer = duration > limits_.longer * dt_ && !bridged_[i] ? duration - dt_ : 0.0;
+            const std::uint8_t *at_end = &cut_off[i * CHANNELS];
+            if (!(longer > 0.0) && std::none_of(at_end, at_end + CHANNELS, [](std::uint8_t one) { return one != 0; }))
+                continue;
+            if (block_of(i) != of_block) {
+                of_block = block_of(i);
+                for (int c = 0; c < CHANNELS; ++c) furthest[c] = deviation(of_block, c, false).spread;
+            }
+            rows[found] = i;
+            for (int c = 0; c < CHANNELS; ++c)
+                lost[found * CHANNELS + c] = std::max(longer, at_end[c] ? dt_ : 0.0) * furthest[c];
+            ++found;
+        }
+        return found;
+    }
+
+    // Rows in shocks, and the changes of velocity that they show, (rows, CHANNELS); returns their number.
+    std::ptrdiff_t shocks(std::int64_t *rows, double *change) const {
+        std::vector<Deviation> usual(blocks_ * AXES);
+        for (std::ptrdiff_t j = 0; j < blocks_; ++j)
+            for (int axis = 0; axis < AXES; ++axis) usual[j * AXES + axis] = deviation(j, AXES + axis, true);
+        const auto pause = static_cast<std::ptrdiff_t>(std::nearbyint(limits_.pause_s / dt_));
+        std::vector<std::uint8_t> beyond(count_ * AXES);
+        std::vector<Span> spans;
+        for (std::ptrdiff_t i = 0; i < count_; ++i) {
+            bool any = false;
+            for (int axis = 0; axis < AXES; ++axis) {
+                const Deviation &of = usual[block_of(i) * AXES + axis];
+                const double limit =
+                    std::max(limits_.shock_spread * of.spread, limits_.fine_steps * step_[AXES + axis]);
+                const bool out = std::abs(at(i, AXES + axis) - of.centre) > limit;
+                beyond[i * AXES + axis] = out;
+                any = any || out;
+            }
+            if (!any) continue;
+            if (!spans.empty() && (i == spans.back().end || i - spans.back().end < pause))
+                spans.back().end = i + 1;
+            else
+                spans.push_back({i, i + 1});
+        }
+        std::vector<Shock> shocks;
+        std::ptrdiff_t found = 0;
+        double squares = 0.0;
+        for (const Span &span : spans) {
+            if (static_cast<double>(span.end - span.begin) * dt_ > limits_.shock_s) continue;
+            Shock shock{found, found + span.end - span.begin, {}};
+            for (int axis = 0; axis < AXES; ++axis) {
+                bool counts = false;
+                for (std::ptrdiff_t i = span.begin; i < span.end; ++i) counts = counts || beyond[i * AXES + axis];
+                const int c = AXES + axis;
+                const double around =
+                    0.5 * (at(std::max<std::ptrdiff_t>(span.begin - 1, 0), c) + at(std::min(span.end, count_ - 1), c));
+                double sum = 0.0;
+                for (std::ptrdiff_t i = span.begin; i < span.end; ++i) {
+                    const double own = counts ? (at(i, c) - around) * (edges_[i + 1] - edges_[i]) : 0.0;
+                    change[(shock.begin + i - span.begin) * CHANNELS + c] = own;
+                    sum += own;
+                }
+                shock.size[axis] = std::abs(sum);
+            }
+            for (std::ptrdiff_t i = span.begin; i < span.end; ++i) {
+                std::fill_n(change + found * CHANNELS, AXES, 0.0);  // nothing of the gyro
+                rows[found++] = i;
+            }
+            squares += shock.size[0] * shock.size[0];
+            shocks.push_back(shock);
+        }
+        const double most = limits_.shock_limit * std::sqrt(squares / static_cast<double>(shocks.size()));
+        for (const Shock &shock : shocks)
+            for (int axis = 1; axis < AXES; ++axis)
+                if (shock.size[axis] > most)
+                    for (std::ptrdiff_t i = shock.begin; i < shock.end; ++i)
+                        change[i * CHANNELS + AXES + axis] *= most / shock.size[axis];
+        return found;
+    }
+
+  private:
+    struct Span {
+        std::ptrdiff_t begin, end;
+    };
+    struct Shock {
+        std::ptrdiff_t begin, end;
+        double size[AXES];
+    };
+    struct Deviation {
+        double centre, spread;
+    };
+
+    double at(std::ptrdiff_t i, int channel) const { return samples_[i * CHANNELS + channel]; }
+
+    static double middle(double (&values)[NEIGHBOURS]) {
+        for (const double value : values)
+            if (std::isnan(value)) return value;
+        std::nth_element(values, values + NEIGHBOURS / 2, values + NEIGHBOURS);
+        return values[NEIGHBOURS / 2];
+    }
+
+    // The block in whose middle a sample is.
+    std::ptrdiff_t block_of(std::ptrdiff_t i) const {
+        return i < length_ / 4 ? 0 : std::min((i - length_ / 4) / (length_ / 2), blocks_ - 1);
+    }
+
+    // The median of a block, and the median distance from it, or the largest.
+    Deviation deviation(std::ptrdiff_t block, int channel, bool usual) const {
+        std::vector<double> values(length_);
+        for (std::ptrdiff_t i = 0; i < length_; ++i) values[i] = at(starts_[block] + i, channel);
+        const double centre = median(values);
+        for (double &value : values) value = std::abs(value - centre);
+        return {centre, usual ? median(values) : *std::max_element(values.begin(), values.end())};
+    }
+
+    double rounding(std::ptrdiff_t block, int channel) const {
+        std::ptrdiff_t changes = 0;
+        for (std::ptrdiff_t i = starts_[block] + 1; i < starts_[block] + length_; ++i)
+            changes += std::abs(at(i, channel) - at(i - 1, channel)) > limits_.same;
+        const double values = static_cast<double>(changes) + 1.0;
+        return step_[channel] * step_[channel] / 12.0 * static_cast<double>(length_) * dt_ / values;
+    }
+
+    // Which samples are at an end of their range, (n, CHANNELS).
+    std::vector<std::uint8_t> cut_off() const {
+        std::vector<std::uint8_t> out(count_ * CHANNELS);
+        for (int c = 0; c < CHANNELS; ++c) {
+            double lowest = HUGE_VAL, highest = -HUGE_VAL;
+            for (std::ptrdiff_t i = 0; i < count_; ++i)
+                lowest = std::min(lowest, at(i, c)), highest = std::max(highest, at(i, c));
+            for (const double sign : {1.0, -1.0}) cut_off_at(c, sign, sign > 0.0 ? highest : lowest, out);
+        }
+        return out;
+    }
+
+    void cut_off_at(int channel, double sign, double extreme, std::vector<std::uint8_t> &out) const {
+        std::vector<std::ptrdiff_t> ends;
+        for (std::ptrdiff_t i = 0; i < count_; ++i)
+            if (std::abs(at(i, channel) - extreme) < limits_.same) ends.push_back(i);
+        if (static_cast<double>(ends.size()) < limits_.extremes) return;  // as a rule, and no median is needed
+        std::vector<double> values(count_);
+        for (std::ptrdiff_t i = 0; i < count_; ++i) values[i] = at(i, channel);
+        const double centre = median(values), most = sign * (extreme - centre);
+        const auto is_near = [&](std::ptrdiff_t i) {
+            return sign * (at(i, channel) - centre) > (1.0 - limits_.near_extreme) * most;
+        };
+        ends.erase(std::remove_if(ends.begin(), ends.end(), [&](std::ptrdiff_t i) { return !is_near(i); }), ends.end());
+        std::size_t near = 0;
+        for (std::ptrdiff_t i = 0; i < count_; ++i) near += is_near(i);
+        if (2 * ends.size() <= near || static_cast<double>(ends.size()) < limits_.extremes ||
+            !(most > limits_.fine_steps * step_[channel]))
+            return;
+        for (const std::ptrdiff_t i : ends) out[i * CHANNELS + channel] = 1;
+    }
+
+    const double *edges_;
+    const std::uint8_t *bridged_;
+    const std::int64_t *starts_;
+    std::ptrdiff_t count_, blocks_, length_;
+    double dt_;
+    Limits limits_;
+    std::vector<double> samples_;
+    double step_[CHANNELS];
+};
+
+}  // namespace
+
+// noise_floor(edges (n + 1), gyro (n, 3), accel (n, 3), bridged (n), starts (b), length, dt, limits, seen (b, 6),
+// lost_rows (n), lost (n, 6), shock_rows (n), shock (n, 6)) -> (rows of lost, rows of shock)
+PyObject *noise_floor(PyObject *, PyObject *arguments) {
+    PyObject *o[11];
+    Py_ssize_t length;
+    double dt;
+    if (!PyArg_ParseTuple(arguments, "OOOOOndOOOOOO", &o[0], &o[1], &o[2], &o[3], &o[4], &length, &dt, &o[5], &o[6],
+                          &o[7], &o[8], &o[9], &o[10]))
+        return nullptr;
+    const Doubles edges(o[0], 1), gyro(o[1], 2), accel(o[2], 2);
+    if (!edges.ok() || !gyro.ok() || !accel.ok()) return nullptr;
+    const Flags bridged(o[3], 1);
+    const Integers starts(o[4], 1);
+    if (!bridged.ok() || !starts.ok()) return nullptr;
+    const Doubles limits(o[5], 1), seen(o[6], 2, true), lost(o[8], 2, true), shock(o[10], 2, true);
+    if (!limits.ok() || !seen.ok() || !lost.ok() || !shock.ok()) return nullptr;
+    const Integers lost_rows(o[7], 1, true), shock_rows(o[9], 1, true);
+    if (!lost_rows.ok() || !shock_rows.ok()) return nullptr;
+    const std::ptrdiff_t count = bridged.size(0), blocks = starts.size(0);
+    if (edges.size(0) != count + 1 || gyro.size(0) != count || accel.size(0) != count || gyro.size(1) != AXES ||
+        accel.size(1) != AXES || limits.size(0) != LIMITS)
+        return refused("samples");
+    if (seen.size(0) != blocks || seen.size(1) != CHANNELS || lost_rows.size(0) != count || lost.size(0) != count ||
+        lost.size(1) != CHANNELS || shock_rows.size(0) != count || shock.size(0) != count || shock.size(1) != CHANNELS)
+        return refused("results");
+    if (length < SHORTEST || length > count || (length & (length - 1)) != 0 || blocks < 1 || !(dt > 0.0))
+        return refused("blocks");
+    for (std::ptrdiff_t j = 0; j < blocks; ++j)
+        if (starts.data()[j] < 0 || starts.data()[j] > count - length) return refused("blocks");
+    const double *in_order = limits.data();
+    const Limits given{in_order[0], in_order[1], in_order[2], in_order[3], in_order[4], in_order[5],
+                       in_order[6], in_order[7], in_order[8], in_order[9], in_order[10]};
+    const Record record(edges, gyro, accel, bridged, starts, length, dt, given);
+    record.floor(seen.data());
+    const std::ptrdiff_t hides = record.hidden(lost_rows.data(), lost.data());
+    const std::ptrdiff_t shows = record.shocks(shock_rows.data(), shock.data());
+    return Py_BuildValue("(nn)", hides, shows);
+}

@@ -1,0 +1,142 @@
+// How a body turns and what it accelerates from sample to sample: trackfg.sensors.imu_intervals, without its arrays of
+// rotations on the way.
+#include <algorithm>
+
+#include "arrays.h"
+#include "rotations.h"
+
+namespace {
+
+// Whether groups of samples begin one after the other within a record of so many.
+bool in_order(const Integers &starts, std::ptrdiff_t samples) {
+    const std::int64_t *at = starts.data();
+    const std::ptrdiff_t count = starts.size(0);
+    if (count < 1 || at[0] < 0 || at[count - 1] > samples) return false;
+    return std::is_sorted(at, at + count);
+}
+
+Vector difference_times(const double *rate, const Vector &bias, double h) {
+    return {{(rate[0] - bias[0]) * h, (rate[1] - bias[1]) * h, (rate[2] - bias[2]) * h}};
+}
+
+void write(double *to, const Vector &from) { std::copy(from.x, from.x + 3, to); }
+void write(double *to, const Matrix &from) { std::copy(&from.x[0][0], &from.x[0][0] + 9, to); }
+
+}  // namespace
+
+// compress(edges (n + 1), gyro (n, 3), accel (n, 3), starts (m + 1), bias (3), duration (m), rotation (m, 3),
+// velocity (m, 3)): the increments of groups of samples.
+PyObject *compress(PyObject *, PyObject *arguments) {
+    PyObject *py[8];
+    if (!PyArg_ParseTuple(arguments, "OOOOOOOO", &py[0], &py[1], &py[2], &py[3], &py[4], &py[5], &py[6], &py[7]))
+        return nullptr;
+    const Doubles edges(py[0], 1), gyro(py[1], 2), accel(py[2], 2);
+    if (!edges.ok() || !gyro.ok() || !accel.ok()) return nullptr;
+    const Integers starts(py[3], 1);
+    if (!starts.ok()) return nullptr;
+    const Doubles gyro_bias(py[4], 1), duration(py[5], 1, true), rotation(py[6], 2, true), velocity(py[7], 2, true);
+    if (!gyro_bias.ok() || !duration.ok() || !rotation.ok() || !velocity.ok()) return nullptr;
+    const std::ptrdiff_t n = gyro.size(0), groups = duration.size(0);
+    if (edges.size(0) != n + 1 || accel.size(0) != n || gyro.size(1) != 3 || accel.size(1) != 3 ||
+        gyro_bias.size(0) != 3)
+        return refused("samples");
+    if (starts.size(0) != groups + 1 || rotation.size(0) != groups || velocity.size(0) != groups ||
+        rotation.size(1) != 3 || velocity.size(1) != 3 || !in_order(starts, n))
+        return refused("groups of samples");
+    const Vector bias = vector(gyro_bias.data());
+    const double *t = edges.data();
+    Py_BEGIN_ALLOW_THREADS;
+    for (std::ptrdiff_t g = 0; g < groups; ++g) {
+        const std::int64_t begin = starts.data()[g], end = starts.data()[g + 1];
+        Matrix turned = IDENTITY;
+        Vector sum = {{0.0, 0.0, 0.0}};
+        for (std::int64_t i = begin; i < end; ++i) {
+            const double h = t[i + 1] - t[i];
+            const Vector turn = difference_times(gyro.data() + 3 * i, bias, h), force = h * vector(accel.data() + 3 * i);
+            const Vector change = force + 0.5 * cross(turn, force);
+            sum = sum + (i == begin ? change : turned * change);
+            if (end - begin > 1) turned = turned * Rotation(turn).exponential();
+        }
+        duration.data()[g] = t[end] - t[begin];
+        const Vector own = end - begin == 1 ? (t[end] - t[begin]) * vector(gyro.data() + 3 * begin)
+                                            : logarithm(turned) + (t[end] - t[begin]) * bias;
+        write(rotation.data() + 3 * g, own);
+        write(velocity.data() + 3 * g, sum);
+    }
+    Py_END_ALLOW_THREADS;
+    Py_RETURN_NONE;
+}
+
+// turning(edges (n + 1), gyro (n, 3), keyframes (m + 1), bias (3), distance (n + 1), turn (m, 3, 3), mean (m, 3, 3),
+// mean_by_time (m, 3, 3)): the attitude along each interval. Less than `at_rest` of distance is none.
+PyObject *turning(PyObject *, PyObject *arguments) {
+    PyObject *py[8];
+    double at_rest;
+    if (!PyArg_ParseTuple(arguments, "OOOOOdOOO", &py[0], &py[1], &py[2], &py[3], &py[4], &at_rest, &py[5], &py[6],
+                          &py[7]))
+        return nullptr;
+    const Doubles edges(py[0], 1), gyro(py[1], 2);
+    if (!edges.ok() || !gyro.ok()) return nullptr;
+    const Integers keyframes(py[2], 1);
+    if (!keyframes.ok()) return nullptr;
+    const Doubles gyro_bias(py[3], 1), distance(py[4], 1), turn(py[5], 3, true), mean(py[6], 3, true),
+        mean_by_time(py[7], 3, true);
+    if (!gyro_bias.ok() || !distance.ok() || !turn.ok() || !mean.ok() || !mean_by_time.ok()) return nullptr;
+    const std::ptrdiff_t n = gyro.size(0), intervals = turn.size(0);
+    if (edges.size(0) != n + 1 || distance.size(0) != n + 1 || gyro.size(1) != 3 || gyro_bias.size(0) != 3)
+        return refused("samples");
+    if (keyframes.size(0) != intervals + 1 || turn.size(1) != 3 || turn.size(2) != 3 || mean.size(0) != intervals ||
+        mean.size(1) != 3 || mean.size(2) != 3 || mean_by_time.size(0) != intervals || mean_by_time.size(1) != 3 ||
+        mean_by_time.size(2) != 3 || !in_order(keyframes, n))
+        return refused("intervals");
+    const Vector bias = vector(gyro_bias.data());
+    const double *t = edges.data(), *gone = distance.data();
+    Py_BEGIN_ALLOW_THREADS;
+    for (std::ptrdiff_t k = 0; k < intervals; ++k) {
+        const std::int64_t begin = keyframes.data()[k], end = keyframes.data()[k + 1];
+        const double span = t[end] - t[begin], length = gone[end] - gone[begin];
+        const bool moves = std::abs(length) > at_rest;
+        Matrix turned = IDENTITY, by_way = 0.0 * IDENTITY, by_time = 0.0 * IDENTITY;
+        double before = 0.0;  // half the share of the sample before: the trapezoid rule
+        for (std::int64_t i = begin; i < end; ++i) {
+            const double h = t[i + 1] - t[i];
+            const double half = 0.5 * (moves ? (gone[i + 1] - gone[i]) / length : h / span);
+            const Matrix weighted = (before + half) * turned;
+            by_way = by_way + weighted;
+            by_time = by_time + ((t[i] - t[begin]) / span) * weighted;
+            turned = turned * Rotation(difference_times(gyro.data() + 3 * i, bias, h)).exponential();
+            before = half;
+        }
+        const Matrix last = before * turned;
+        write(turn.data() + 9 * k, turned);
+        write(mean.data() + 9 * k, by_way + last);
+        write(mean_by_time.data() + 9 * k, by_time + last);
+    }
+    Py_END_ALLOW_THREADS;
+    Py_RETURN_NONE;
+}
+
+// means_around(t (m), width, edges (n + 1), samples (n, 3), means (m, 3)): means over `width` around each time.
+PyObject *means_around(PyObject *, PyObject *arguments) {
+    PyObject *py[4];
+    double width;
+    if (!PyArg_ParseTuple(arguments, "OdOOO", &py[0], &width, &py[1], &py[2], &py[3])) return nullptr;
+    const Doubles times(py[0], 1), edges(py[1], 1), samples(py[2], 2), means(py[3], 2, true);
+    if (!times.ok() || !edges.ok() || !samples.ok() || !means.ok()) return nullptr;
+    const std::ptrdiff_t n = samples.size(0), m = times.size(0);
+    if (n < 1 || edges.size(0) != n + 1 || samples.size(1) != 3) return refused("samples");
+    if (means.size(0) != m || means.size(1) != 3) return refused("times");
+    const double *t = edges.data();
+    Py_BEGIN_ALLOW_THREADS;
+    for (std::ptrdiff_t k = 0; k < m; ++k) {
+        const auto within = [&](double time) { return std::min(std::max(time, t[0]), t[n]); };
+        const double begin = within(times.data()[k] - 0.5 * width), end = within(times.data()[k] + 0.5 * width);
+        Vector sum = {{0.0, 0.0, 0.0}};
+        for (std::ptrdiff_t i = std::max<std::ptrdiff_t>(std::upper_bound(t, t + n, begin) - t - 1, 0);
+             i < n && t[i] < end; ++i)
+            sum = sum + (std::min(t[i + 1], end) - std::max(t[i], begin)) * vector(samples.data() + 3 * i);
+        for (int axis = 0; axis < 3; ++axis) means.data()[3 * k + axis] = sum[axis] / (end - begin);
+    }
+    Py_END_ALLOW_THREADS;
+    Py_RETURN_NONE;
+}
