@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import json
+import sqlite3
 import zipfile
 from collections.abc import Callable
+from contextlib import closing
 from pathlib import Path
 from typing import NamedTuple
 
@@ -317,9 +319,74 @@ def write_can_trace(drive: Drive, folder: Path) -> Path:
     return path
 
 
+def _named(drive: Drive) -> dict[str, Array]:
+    """Return the inertial channels and the wheel's speed by name."""
+    values = {f"gyro_{axis}_radps": drive.gyro[:, i] for i, axis in enumerate("xyz")}
+    values |= {f"acc_{axis}_mps2": drive.accel[:, i] for i, axis in enumerate("xyz")}
+    return {**values, "wheel_speed_mps": drive.speed}
+
+
+def _positions(drive: Drive) -> dict[str, Array]:
+    return {"lat": drive.latitude, "lon": drive.longitude, "alt": drive.height}
+
+
+def write_parquet(drive: Drive, folder: Path) -> Path:
+    """Write a Parquet file with dates and return its path."""
+    path = folder / "log.parquet"
+    pd.DataFrame({"timestamp": pd.to_datetime(drive.ns, utc=True), **_named(drive)}).to_parquet(path)
+    return path
+
+
+def write_sqlite(drive: Drive, folder: Path) -> Path:
+    """Write a SQLite database with a table for each sensor and return its path."""
+    path = folder / "log.db"
+    with closing(sqlite3.connect(path)) as connection:
+        pd.DataFrame({"ts_ns": drive.ns, **_named(drive)}).to_sql("imu", connection, index=False)
+        pd.DataFrame({"ts_ns": drive.gnss_ns, **_positions(drive)}).to_sql("gps", connection, index=False)
+    return path
+
+
+def write_matlab(drive: Drive, folder: Path) -> Path:
+    """Write a MATLAB file with a struct for each sensor and return its path."""
+    from scipy.io import savemat
+
+    path = folder / "log.mat"
+    imu = {"time": drive.t, "gyro_radps": drive.gyro, "acc_mps2": drive.accel}
+    odo = {"time": drive.t, "wheel_speed_mps": drive.speed}
+    savemat(path, {"imu": imu, "odo": odo, "gps": {"time": drive.gnss_t, **_positions(drive)}})
+    return path
+
+
+def write_numpy(drive: Drive, folder: Path) -> Path:
+    """Write an archive of NumPy and return its path."""
+    path = folder / "log.npz"
+    np.savez(path, time_ns=drive.ns, gyro_radps=drive.gyro, acc_mps2=drive.accel, wheel_speed_mps=drive.speed)
+    return path
+
+
+def write_json_lines(drive: Drive, folder: Path) -> Path:
+    """Write a record in each line, of one sensor or another, and return its path."""
+    path = folder / "log.jsonl"
+    records = [
+        {"type": "imu", "ts_ns": ns, **dict(zip(_named(drive), map(float, row), strict=True))}
+        for ns, row in zip(drive.ns.tolist(), np.column_stack([*_named(drive).values()]), strict=True)
+    ]
+    records += [
+        {"type": "gps", "ts_ns": ns, **dict(zip(_positions(drive), map(float, row), strict=True))}
+        for ns, row in zip(drive.gnss_ns.tolist(), np.column_stack([*_positions(drive).values()]), strict=True)
+    ]
+    path.write_text("\n".join(json.dumps(record) for record in sorted(records, key=lambda record: record["ts_ns"])))
+    return path
+
+
 WRITERS: dict[str, Callable[..., Path]] = {
     "text": write_text,
     "text, a row a value": write_can_trace,
+    "text, Parquet": write_parquet,
+    "text, SQLite": write_sqlite,
+    "text, MATLAB": write_matlab,
+    "text, NumPy": write_numpy,
+    "text, JSON lines": write_json_lines,
     "vbo": write_vbo,
     "sensor-logger": write_sensor_logger,
     "sensor-logger, JSON": write_sensor_json,

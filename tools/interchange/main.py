@@ -28,7 +28,8 @@ from trackfg.interchange.exporting.export import export_result
 from trackfg.interchange.exporting.registry import result_formats
 from trackfg.interchange.importing.conversion import write_imported
 from trackfg.interchange.importing.mapping import mapping_of
-from trackfg.interchange.importing.proposal import GNSS_SD_M, Question, propose
+from trackfg.interchange.importing.proposal import GNSS_SD_M, propose
+from trackfg.interchange.importing.proposals.questions import Question
 from trackfg.interchange.importing.registry import source_format
 from trackfg.recording.description import Tach
 from trackfg.recording.model import Recording

@@ -24,7 +24,17 @@ _UNTIL_READ = 0.3
 
 @dataclass(frozen=True, repr=False)
 class CheckReport(KeyFigures):
-    """``findings``, errors first; ``estimates`` as nested mappings ready for JSON, empty if a table is unusable."""
+    """``findings``, errors first; ``estimates`` as nested mappings ready for JSON, empty if a table is unusable.
+
+    Examples
+    --------
+    >>> import trackfg
+    >>> report = trackfg.check_recording("run1")
+    >>> len(report.findings)
+    0
+    >>> round(report.estimates["imu_rate_hz"])
+    200
+    """
 
     findings: tuple[Finding, ...]
     estimates: Mapping[str, Any] = field(default_factory=dict)

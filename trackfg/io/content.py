@@ -9,9 +9,13 @@ import hashlib
 from collections.abc import Iterable
 from pathlib import Path
 
+from trackfg.errors import BadInputError
 from trackfg.io.description_reader import ReadDescription, locate, read_description
 from trackfg.io.table_file import resolve_inside
 from trackfg.recording.description import Truth
+
+_MOST_LINE_BYTES = 4 * 2**30
+"""Size of a file of tracks, bytes: the railways of a continent take less, and a digest takes seconds for this much."""
 
 
 def content_files(path: Path | str) -> tuple[Path, tuple[str, ...]]:
@@ -36,6 +40,18 @@ def file_sha256(path: Path) -> bytes:
     """Return the digest of a file, byte by byte. Raises :class:`OSError`."""
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").digest()
+
+
+def line_sha256(path: Path) -> str:
+    """Return the digest of a file of tracks. Raises :class:`BadInputError` where it is too large or cannot be read."""
+    try:
+        if path.stat().st_size > _MOST_LINE_BYTES:
+            raise BadInputError(
+                f"{path}: is larger than {_MOST_LINE_BYTES / 2**30:g} GiB; expected the tracks of a line"
+            )
+        return file_sha256(path).hex()
+    except OSError as error:
+        raise BadInputError(f"{path}: cannot be read: {error.strerror}: expected a file of tracks") from error
 
 
 def files_sha256(folder: Path, names: Iterable[str]) -> str | None:

@@ -1,7 +1,9 @@
-"""Features of GeoJSON files and GeoPackages: points, lines and areas with properties, and their reference system.
+"""Features of GeoJSON, GeoPackages, shapefiles, KML and GPX: points, lines and areas with properties, and their
+reference system.
 
 GeoJSON is in longitude and latitude of WGS 84 (RFC 7946), unless it has a ``crs`` as its first version (2008) allowed.
-A GeoPackage is SQLite; the reference system of each of its layers is in it (OGC 12-128r14).
+A GeoPackage is SQLite; the reference system of each of its layers is in it (OGC 12-128r14). A shapefile's is in the
+``.prj`` beside it.
 """
 
 from __future__ import annotations
@@ -19,14 +21,16 @@ import numpy as np
 from trackfg.errors import BadInputError, first_line, printable
 from trackfg.files.libraries import library
 from trackfg.files.small_file import json_of, read_small
+from trackfg.io.xml_features import XML_SUFFIXES, xml_lines
 from trackfg.numerics.arrays import Array
-from trackfg.numerics.geometry_blob import geopackage_geometry
+from trackfg.numerics.geometry_blob import geometry_of_wkb, geopackage_geometry
 
 WGS_84 = "EPSG:4326"
 """Longitude and latitude, which GeoJSON has without saying so."""
 LOCAL = "local"
 """East and north in the local frame of a recording: what a GeoPackage calls an undefined Cartesian system."""
-SUFFIXES = (".geojson", ".json", ".gpkg")
+SHAPEFILE = ".shp"
+SUFFIXES = (".geojson", ".json", ".gpkg", SHAPEFILE, *XML_SUFFIXES)
 """Of files that :func:`read_features` reads."""
 
 _MOST_BYTES = 2**28
@@ -56,11 +60,19 @@ class Feature:
 
 
 def read_features(path: Path) -> list[Feature]:
-    """Return the features of a ``.geojson``, ``.json`` or ``.gpkg`` file, of a GeoPackage those of all its layers.
+    """Return the features of a file that ends in one of :data:`SUFFIXES`, of a GeoPackage those of all its layers.
 
     Raises :class:`BadInputError` with file, feature and what was expected.
     """
-    return _of_geopackage(path) if path.suffix.lower() == ".gpkg" else list(_of_geojson(path))
+    suffix = path.suffix.lower()
+    if suffix == ".gpkg":
+        return _of_geopackage(path)
+    if suffix == SHAPEFILE:
+        return list(_of_shapefile(path))
+    if suffix in XML_SUFFIXES:
+        parts = xml_lines(path)
+        return [Feature(where, kind, tuple(lines), WGS_84, about) for where, kind, lines, about in parts]
+    return list(_of_geojson(path))
 
 
 def in_wgs_84(xy: Array, system: str, where: str, hint: str = "") -> Array:
@@ -70,6 +82,8 @@ def in_wgs_84(xy: Array, system: str, where: str, hint: str = "") -> Array:
     """
     if system == WGS_84:
         longitude, latitude = xy.T
+    elif not system:
+        raise BadInputError(f"{where}: the file has no .prj: expected the reference system of its coordinates{hint}")
     else:
         try:
             longitude, latitude = _to_wgs_84(system)(xy[:, 0], xy[:, 1])
@@ -185,6 +199,28 @@ def _of_geopackage(path: Path) -> list[Feature]:
             return found
     except sqlite3.Error as error:
         raise BadInputError(f"{path}: not readable as a GeoPackage: {first_line(error)}") from error
+
+
+def _of_shapefile(path: Path) -> Iterator[Feature]:
+    """Yield the features of a shapefile, whose system is empty where no ``.prj`` states it."""
+    pyogrio = library("pyogrio", "gis")
+    try:
+        about, _, blobs, columns = pyogrio.raw.read(path)
+    except (OSError, ValueError, RuntimeError) as error:  # pyogrio's own errors are RuntimeErrors
+        raise BadInputError(f"{path}: not readable as a shapefile: {first_line(error)}") from error
+    crs = about.get("crs") or ""
+    system = _system_of(crs) if crs.upper().startswith("EPSG:") else crs
+    for number, blob in enumerate(blobs, start=1):
+        values = [column[number - 1] for column in columns]
+        properties = {
+            name: value.item() if isinstance(value, np.generic) else value
+            for name, value in zip(about["fields"].tolist(), values, strict=True)
+        }
+        try:
+            kind, parts = ("", []) if blob is None else geometry_of_wkb(blob)
+        except ValueError as error:
+            raise BadInputError(f"{path}: feature {number}: {error}") from error
+        yield Feature(f"feature {number}", kind, tuple(part[:, :2] for part in parts), system, properties)
 
 
 def _tables_without_geometry(database: sqlite3.Connection) -> list[str]:

@@ -1,4 +1,4 @@
-"""Centre lines and networks of tracks from GeoJSON and GeoPackage (:mod:`trackfg.io.features`).
+"""Centre lines and networks of tracks from files of geographic features (:mod:`trackfg.io.features`).
 
 A track is a ``LineString`` with an id; a *netrelation* is a feature of any geometry whose properties ``netelementA``,
 ``positionOnA`` (0 to 1), ``netelementB``, ``positionOnB`` and ``navigability`` (``both``, ``AB``, ``BA``, ``none``) say
@@ -32,7 +32,7 @@ _ID_COLUMNS = ("id", "netelement_id", "track_id", "name")
 
 
 def read_known_line(path: Path | str, system: str | None = None) -> KnownLine:
-    """Return the tracks of a ``.geojson`` or ``.gpkg`` file.
+    """Return the tracks of a file of features: GeoJSON, GeoPackage, shapefile, KML or GPX.
 
     ``system``: the reference system of its coordinates, as ``EPSG:3067``, or ``local``, instead of the file's own.
     Raises :class:`BadInputError` with file, feature and what was expected.

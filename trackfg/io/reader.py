@@ -96,7 +96,6 @@ def load(path: Path | str, limits: CheckLimits | None = None) -> LoadedRecording
     read = read_description(path)
     findings = list(read.findings)
     sensors = read.sensors
-    digest = files_sha256(folder, (toml.name, *read.files))
     reader = Tables(folder, sensors.values())
     tables: dict[str, pd.DataFrame] = {}
     gnss_origin = None
@@ -126,6 +125,7 @@ def load(path: Path | str, limits: CheckLimits | None = None) -> LoadedRecording
     distinct = tuple(dict.fromkeys(findings))
     recording = _assemble(read, tables, gnss_origin, folder, distinct)
     if recording is not None:
+        digest = files_sha256(folder, (toml.name, *read.files))
         recording = replace(recording, files_sha256=digest, balises=balises, known_line=known_line)
     return LoadedRecording(distinct, recording)
 

@@ -18,6 +18,7 @@ from trackfg.interchange.exporting.channels import read_template
 from trackfg.interchange.importing.registry import source_format
 from trackfg.io.balises import read_places
 from trackfg.io.features import read_features
+from trackfg.io.reader import load
 
 
 def _geojson(path: Path, coordinates: Any, **more: Any) -> Path:
@@ -94,3 +95,10 @@ def test_a_template_that_is_no_list(tmp_path: Path) -> None:
     path.write_text("channel = 1.5\n")
     with pytest.raises(BadInputError, match=r"no \[\[channel\]\]"):
         read_template(path)
+
+
+def test_what_cannot_be_read_is_not_digested(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    with (tmp_path / "recording.toml").open("wb") as file:
+        file.truncate(50 * 2**30)
+    monkeypatch.setattr("trackfg.io.reader.files_sha256", lambda *_: pytest.fail("reads all of it"))
+    assert "larger than 1 MiB" in load(tmp_path).findings[0].message

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import struct
+import zipfile
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,7 @@ import numpy as np
 import pytest
 
 from trackfg.errors import BadInputError
+from trackfg.io.content import line_sha256
 from trackfg.io.known_lines import read_known_line
 from trackfg.numerics.geometry_blob import geometry_of_wkb
 
@@ -180,7 +182,95 @@ def test_other_files_are_refused(tmp_path: Path) -> None:
     with pytest.raises(BadInputError, match="cannot be read"):
         read_known_line(tmp_path / "missing.gpkg")
     with pytest.raises(BadInputError, match=r"expected one of \.geojson"):
-        read_known_line(tmp_path / "line.shp")
+        read_known_line(tmp_path / "line.dxf")
     values = [[float("nan"), 1.0], [1.0, 2.0]]
     with pytest.raises(BadInputError, match="not finite"):
         read_known_line(written(tmp_path / "net.geojson", feature("A", values)))
+
+
+KML = (
+    '<?xml version="1.0"?><kml xmlns="http://www.opengis.net/kml/2.2" xmlns:gx="http://www.google.com/kml/ext/2.2">'
+    "<Document><Placemark><name>A</name><LineString><coordinates>139.0,35.2,12 139.01,35.2,13</coordinates>"
+    "</LineString></Placemark><Placemark><name>home</name><Point><coordinates>1,2</coordinates></Point></Placemark>"
+    "<Placemark><name>x</name><ExtendedData><Data name='track_id'><value>B</value></Data></ExtendedData><MultiGeometry>"
+    "<LineString><coordinates>139.01,35.2\n139.02,35.2\n139.03,35.201</coordinates></LineString></MultiGeometry>"
+    "</Placemark></Document></kml>"
+)
+GPX = (
+    '<gpx xmlns="http://www.topografix.com/GPX/1/1" version="1.1"><trk><name>A</name><trkseg>'
+    '<trkpt lat="35.2" lon="139.0"/><trkpt lat="35.2" lon="139.01"/></trkseg></trk>'
+    '<rte><name>B</name><rtept lat="35.2" lon="139.01"/><rtept lat="35.2" '
+    'lon="139.02"/><rtept lat="35.201" lon="139.03"/></rte></gpx>'
+)
+
+
+@pytest.mark.parametrize("suffix", [".kml", ".kmz", ".gpx", ".shp"])
+def test_lines_of_other_systems(suffix: str, tmp_path: Path) -> None:
+    path = tmp_path / f"line{suffix}"
+    if suffix == ".kmz":
+        with zipfile.ZipFile(path, "w") as archive:
+            archive.writestr("doc.kml", KML)
+    elif suffix == ".shp":
+        pyogrio = pytest.importorskip("pyogrio")
+        blobs = [struct.pack("<BII", 1, 2, len(line)) + np.array(line, "<f8").tobytes() for line in TRACKS.values()]
+        pyogrio.raw.write(
+            path, np.array(blobs, dtype=object), [np.array([*TRACKS], dtype=object)], ["track_id"],
+            geometry_type="LineString", crs="EPSG:4326", driver="ESRI Shapefile",
+        )  # fmt: skip
+    else:
+        path.write_text(KML if suffix == ".kml" else GPX)
+
+    line = read_known_line(path)
+
+    assert line.ids == ("A", "B")
+    for vertices, track in zip(line.vertices, TRACKS.values(), strict=True):
+        np.testing.assert_array_equal(vertices[:, ::-1], track)
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "message"),
+    [
+        ("line.kml", KML.replace("139.01,35.2,13", "139.01"), "placemark 1: a vertex is no position"),
+        ("line.kml", "<kml", "not well-formed XML"),
+        ("line.kml", "<!DOCTYPE kml [<!ENTITY a 'b'>]><kml/>", "has a document type"),
+        ("line.kml", "<railML/>", "its root is railML: expected kml or gpx"),
+        ("line.kmz", "no zip", "cannot be unpacked"),
+        (
+            "line.gpx",
+            "<gpx><trk><trkseg><trkpt lat='x' lon='1'/></trkseg></trk></gpx>",
+            "track 1: a vertex is no position",
+        ),
+        ("line.shp", "none", "not readable as a shapefile"),
+    ],
+)
+def test_lines_of_other_systems_that_are_broken(name: str, content: str, message: str, tmp_path: Path) -> None:
+    (tmp_path / name).write_text(content)
+    with pytest.raises(BadInputError, match=message):
+        read_known_line(tmp_path / name)
+
+
+def test_a_shapefile_without_its_reference_system_needs_one(tmp_path: Path) -> None:
+    pyogrio = pytest.importorskip("pyogrio")
+    path, line = tmp_path / "line.shp", [[500_000.0, 6_700_000.0], [500_100.0, 6_700_000.0]]
+    blob = struct.pack("<BII", 1, 2, 2) + np.array(line, "<f8").tobytes()
+    pyogrio.raw.write(
+        path,
+        np.array([blob], dtype=object),
+        [],
+        [],
+        geometry_type="LineString",
+        crs="EPSG:3067",
+        driver="ESRI Shapefile",
+    )
+    stated = read_known_line(path)
+    (tmp_path / "line.prj").unlink()
+    with pytest.raises(BadInputError, match=r"has no .prj.*--line-crs"):
+        read_known_line(path)
+    np.testing.assert_allclose(read_known_line(path, "EPSG:3067").vertices[0], stated.vertices[0], atol=1e-9)
+
+
+def test_a_file_of_absurd_size_is_not_digested(tmp_path: Path) -> None:
+    with (tmp_path / "line.gpkg").open("wb") as file:
+        file.truncate(50 * 2**30)
+    with pytest.raises(BadInputError, match=r"line\.gpkg: is larger than 4 GiB; expected the tracks of a line"):
+        line_sha256(tmp_path / "line.gpkg")

@@ -7,6 +7,7 @@ import pandas as pd
 from scipy.spatial.transform import Rotation
 
 from trackfg.geometry.versine_bands import with_long_bands
+from trackfg.interchange.exporting.rail_bands import with_rail_bands
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.geodesy import enu_to_geodetic
 from trackfg.results.official_places import line_kilometrage, with_km
@@ -88,8 +89,8 @@ def table_of(result: Result, name: str, *, km: bool = False, bands: bool = False
     """Return a table of the result by its name, ``geometry``, ``trajectory``, ``events`` or ``balises``, with places.
 
     With ``km`` official places are beside its chainages, with ``bands`` the geometry of a smoothed run has level and
-    alignment in the bands D2 and D3, computed from its versines. Raises :class:`~trackfg.errors.BadInputError` where
-    official places are wanted and the result has no kilometrage.
+    alignment in the bands D2 and D3, computed from its versines, and those of the rails. Raises
+    :class:`~trackfg.errors.BadInputError` where official places are wanted and the result has no kilometrage.
     """
     kilometrage = line_kilometrage(result).kilometrage() if km else None
     if name == "balises":
@@ -97,7 +98,7 @@ def table_of(result: Result, name: str, *, km: bool = False, bands: bool = False
     if name == "geometry":
         table, meaning = located_geometry(result), result.summary.geometry
         if bands and result.summary.solver is not None and len(table):
-            table = with_long_bands(table, meaning.step_m, meaning.chord_m)
+            table = with_rail_bands(with_long_bands(table, meaning.step_m, meaning.chord_m), meaning.step_m)
     else:
         table = located_trajectory(result) if name == "trajectory" else result.events
     return with_km(_dated(table, start_of(result)), kilometrage)

@@ -23,34 +23,19 @@ from trackfg.errors import BadInputError, did_you_mean
 from trackfg.files.atomic_folder import replaced_folder
 from trackfg.files.owned_folder import refuse_used
 from trackfg.interchange.importing.balise_places import COLUMNS, planned_places
-from trackfg.interchange.importing.foreign_units import recorded_unit
+from trackfg.interchange.importing.columns.time_columns import time_columns, time_unit
 from trackfg.interchange.importing.mapping import BALISES, MappedSensor, Mapping, fits
-from trackfg.interchange.importing.source_table import SourceTable
+from trackfg.interchange.importing.recorded_columns import in_recorded_units
+from trackfg.interchange.importing.sample_stamps import repeated_rows, sorted_rows, spread_stamps
+from trackfg.interchange.importing.source_table import ROW_NUMBER, SourceTable
 from trackfg.interchange.importing.stations import read_stations
-from trackfg.interchange.importing.times import (
-    Times,
-    as_datetime,
-    as_ns,
-    read_times,
-    spread_stamps,
-    start_of,
-    unwrapped,
-)
+from trackfg.interchange.importing.times import Times, as_datetime, as_ns, read_times, start_of
 from trackfg.io.description_reader import FILE_NAME, FORMAT
 from trackfg.io.reader import LoadedRecording, load
 from trackfg.io.writer import write_table
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.kilometrage import Kilometrage
 from trackfg.recording.findings import errors
-
-_UNIT_KEYS = {
-    "imu": {"gyro": "gyro_unit", "accel": "accel_unit"},
-    **{kind: {"column": "unit"} for kind in ("tach", "speed", "laser")},
-}
-"""Of each kind of sensor, the keys that name columns, and those of their units."""
-
-_INCREMENTS = {"rad": "rad/s", "deg": "deg/s", "m/s": "m/s^2"}
-"""Units of increments per sample (delta theta, delta v), and those of the rates that they become."""
 
 _COLUMN_KEYS = {
     "imu": ("gyro", "accel"),
@@ -149,25 +134,25 @@ def _part(sensor: MappedSensor, tables: Sequence[SourceTable], kilometrage: Kilo
     sources = [table_named(tables, pattern, sensor.section) for pattern in sensor.files]
     if len(sources) == 2:
         return _merged_imu(sensor, *sources)
-    table = sources[0]
-    times = _times(table, sensor)
+    table, times = _in_order(sources[0], sensor)
     columns, keys = _columns(sensor, table, kilometrage)
     measured = [values for name, values in columns.items() if not name.startswith(_CONSTANT)]
     keep = ~np.all([np.isnan(values) for values in measured], axis=0)
     if sensor.kind == "gnss":
+        keep &= ~np.all([values == 0.0 for values in measured[:2]], axis=0)  # what receivers write without a fix
         keep &= _is_news(times.since(times.first_ns), np.stack(measured, axis=1))
-    if sensor.kind != "imu" and not keep.all():
+    if not keep.all():
         times, columns = _rows(times, keep), {name: values[keep] for name, values in columns.items()}
     if not any(len(values) for values in columns.values()):
         raise BadInputError(f"{table.name}: the columns of [{sensor.section}] are empty; expected values")
-    columns, keys = _in_known_units(sensor, times, columns, keys)
+    columns, keys = in_recorded_units(sensor, times, columns, keys)
     return _Part(sensor, times, columns, keys)
 
 
 def _balises(sensor: MappedSensor, tables: Sequence[SourceTable], kilometrage: Kilometrage | None) -> _Part:
     """Return the passages of balises, with their planned places in the same table or in one of its own."""
-    table, keys = table_named(tables, sensor.files[0], sensor.section), dict(sensor.keys)
-    times = _times(table, sensor)
+    keys = dict(sensor.keys)
+    table, times = _in_order(table_named(tables, sensor.files[0], sensor.section), sensor)
     beside = None if "places" not in keys else table_named(tables, str(keys["places"]), sensor.section)
     places = planned_places(beside or table, keys, sensor.reading.chainage_unit, kilometrage)
     ids = table.column(keys.get("id", COLUMNS.id))
@@ -241,19 +226,43 @@ def _column(sensor: MappedSensor, table: SourceTable, part: Any) -> Array:
     raise BadInputError(f"[{sensor.section}]: {part!r} is no column; expected a name or a number")
 
 
-def _times(table: SourceTable, sensor: MappedSensor) -> Times:
-    """Return the times of a table's rows, stamps that repeat spread again where samples are regular."""
+def _in_order(table: SourceTable, sensor: MappedSensor) -> tuple[SourceTable, Times]:
+    """Return the table and the times of its rows: in sequence, and where samples are regular without repetitions.
+
+    Rows that are written twice count once; other stamps that repeat are spread again.
+    """
     times = read_times(table, sensor.time_columns, sensor.notation)
-    if sensor.kind in ("fixes", "gnss", BALISES):
-        return times
     since = times.since(times.first_ns)
+    order = sorted_rows(since)
+    if order is not None:
+        table, times = _taken(table, times, order)
+        since = times.since(times.first_ns)
+    if sensor.kind in ("fixes", "gnss", BALISES):
+        return table, times
+    twice = repeated_rows(since, table.frame)
+    if twice is not None:
+        table, times = _taken(table, times, np.flatnonzero(~twice))
+        since = times.since(times.first_ns)
     spread = spread_stamps(since)
-    return times if spread is since else Times.after(times.first_ns, spread, times.zone)
+    return table, times if spread is since else Times.after(times.first_ns, spread, times.zone)
+
+
+def _taken(table: SourceTable, times: Times, rows: np.ndarray) -> tuple[SourceTable, Times]:
+    return replace(table, frame=table.frame.iloc[rows].reset_index(drop=True)), _rows(times, rows)
 
 
 def _rows(times: Times, keep: np.ndarray) -> Times:
     ns, seconds = (None if values is None else values[keep] for values in (times.ns, times.seconds))
     return replace(times, ns=ns, seconds=seconds)
+
+
+def _with_times_of(table: SourceTable, sensor: MappedSensor) -> MappedSensor:
+    """Return the sensor as read from a table of two, whose column of times may have a name of its own."""
+    own = time_columns(table)
+    if own is None or not set(sensor.time_columns).isdisjoint((*table.columns, ROW_NUMBER)):
+        return sensor
+    time = own[0] if len(own) == 1 else (own[0], own[1])
+    return replace(sensor, reading=sensor.reading.model_copy(update={"time": time, **time_unit(table, own)}))
 
 
 def _merged_imu(sensor: MappedSensor, gyro: SourceTable, accel: SourceTable) -> _Part:
@@ -263,9 +272,11 @@ def _merged_imu(sensor: MappedSensor, gyro: SourceTable, accel: SourceTable) -> 
         value = sensor.keys.get(key)
         if not isinstance(value, list | tuple) or len(value) != 3:
             raise BadInputError(f"[{sensor.section}]: key {key!r} is {value!r}; expected three columns")
-        times = _times(table, sensor)
+        table, times = _in_order(table, _with_times_of(table, sensor))
         columns = {str(name): table.numbers(str(name)) for name in value}
-        columns, keys = _in_known_units(sensor, times, columns, {f"{key}_unit": sensor.keys.get(f"{key}_unit")})
+        keep = ~np.all([np.isnan(values) for values in columns.values()], axis=0)
+        times, columns = _rows(times, keep), {name: values[keep] for name, values in columns.items()}
+        columns, keys = in_recorded_units(sensor, times, columns, {f"{key}_unit": sensor.keys.get(f"{key}_unit")})
         streams.append((times, columns, keys))
     clocks = [times for times, *_ in streams]
     clocks = [times.beside(clocks) for times in clocks]
@@ -289,36 +300,6 @@ def _merged_imu(sensor: MappedSensor, gyro: SourceTable, accel: SourceTable) -> 
         keys[prefix] = [f"{prefix}_{name}" for name in values]
         keys |= {key: value for key, value in own.items() if value is not None}
     return _Part(sensor, Times.after(zero, common, clocks[faster].zone), columns, keys)
-
-
-def _in_known_units(
-    sensor: MappedSensor, times: Times, columns: dict[str, Array], keys: dict[str, Any]
-) -> tuple[dict[str, Array], dict[str, Any]]:
-    """Return columns in units that a recording knows: an IMU's increments as rates over the interval before them,
-    pulses of a counter that starts again as those of one that goes on.
-    """
-    if sensor.kind == "tach" and keys.get("kind") == "pulses":
-        return {name: unwrapped(values) for name, values in columns.items()}, keys
-    columns, keys = dict(columns), dict(keys)
-    if sensor.kind == "gnss":
-        _, factor = recorded_unit(sensor.reading.height_unit)
-        columns[keys["position"][2]] = columns[keys["position"][2]] * factor
-    for key, unit_key in _UNIT_KEYS.get(sensor.kind, {}).items():
-        unit = keys.get(unit_key)
-        if not isinstance(unit, str):  # the description refuses anything else
-            continue
-        if sensor.kind == "imu" and unit in _INCREMENTS:
-            keys[unit_key] = _INCREMENTS[unit]
-            # A lost sample must not look like a slow one: increments are over the usual interval.
-            factor = 1.0 / float(np.median(np.diff(times.since(times.first_ns))))
-        else:
-            keys[unit_key], factor = recorded_unit(unit)
-        if factor == 1.0:
-            continue
-        value = sensor.keys[key]
-        names = (str(name) for name in (value if isinstance(value, list | tuple) else [value]))
-        columns |= {name: columns[name] * factor for name in names if name in columns}
-    return columns, keys
 
 
 def _start(parts: Sequence[_Part], mapping: Mapping, stated_ns: int | None) -> int | None:
@@ -356,7 +337,8 @@ def _described(
         time = "t" if "t" not in part.columns else "t_s"
         columns = {name: np.asarray(values) for name, values in part.columns.items()}
         # No clock is finer than 1 ns, so that a time is the same however its source has written it.
-        files[file] = pd.DataFrame({time: np.round(part.times.since(start_ns), _TIME_DIGITS), **columns})
+        with np.errstate(over="ignore"):  # damaged times may be of any size
+            files[file] = pd.DataFrame({time: np.round(part.times.since(start_ns), _TIME_DIGITS), **columns})
         if part.places is not None:
             files[_PLACES_FILE] = part.places
         section = {"file": file, "time": time, **part.keys}

@@ -39,20 +39,23 @@ class _Reading(BaseModel):
     """How the table of a sensor is written, besides what the description says of it.
 
     ``file`` may be a pattern; two of them are the gyro's and the accelerometer's. ``time`` is a column, or the date's
-    and the time of day's. The keys of times are those of :class:`~trackfg.interchange.importing.times.TimeNotation`.
+    and the time of day's, or :data:`~trackfg.interchange.importing.source_table.ROW_NUMBER`. The keys of times are
+    those of :class:`~trackfg.interchange.importing.times.TimeNotation`.
     """
 
     model_config = ConfigDict(extra="ignore", frozen=True)
 
     file: str | tuple[str, str]
     time: str | tuple[str, str] = "t"
-    time_unit: Literal["s", "ms", "us", "ns", "ticks", "gps", "days"] | None = None
+    time_unit: Literal["s", "ms", "us", "ns", "ticks", "gps", "days", "hhmmss"] | None = None
     time_format: str | None = None
     time_zone: str = "UTC"
     tick_s: Annotated[float, Field(gt=0)] | None = None
     wraps_at: Annotated[float, Field(gt=0)] | None = None
     chainage_unit: Bare = "m"
-    height_unit: Literal["m", "ft"] = "m"
+    height_unit: str = "m"
+    position_unit: str = "deg"
+    increments: bool = False
 
 
 _CONSUMED = tuple(key for key in _Reading.model_fields if key != "file")

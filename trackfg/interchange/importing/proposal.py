@@ -1,38 +1,31 @@
 """A mapping is proposed from the data, with a question for each thing that they cannot say.
 
-Names and units show what the columns are (:mod:`trackfg.interchange.importing.column_meaning`); then the recording that
-the proposal makes is examined as ``trackfg check`` does, which finds the axes.
+Names and units show what the columns are (:mod:`trackfg.interchange.importing.columns.column_meaning`); then the
+recording that the proposal makes is examined as ``trackfg check`` does, which finds axes and units.
 """
 
 from __future__ import annotations
 
-import re
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
-from typing import Any, Literal
+from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import tomli_w
 
-from trackfg.checks.diagnosis import estimates_of
-from trackfg.checks.diagnosis_axes import AXES
-from trackfg.checks.limits import CheckLimits
 from trackfg.errors import BadInputError
-from trackfg.files.temporary_folder import temporary_folder
-from trackfg.interchange.importing.column_meaning import (
-    Triple,
-    first_of,
-    has_gravity,
-    kind_in,
-    time_columns,
-    time_unit,
-    triples,
-)
-from trackfg.interchange.importing.conversion import write_imported
-from trackfg.interchange.importing.foreign_units import written_unit
-from trackfg.interchange.importing.mapping import FORMAT, mapping_of
+from trackfg.interchange.importing.columns.column_meaning import first_of
+from trackfg.interchange.importing.columns.column_names import parts_of
+from trackfg.interchange.importing.columns.time_columns import states_no_zone
+from trackfg.interchange.importing.columns.written_units import factor_of, unit_in
+from trackfg.interchange.importing.mapping import FORMAT
+from trackfg.interchange.importing.proposals.evident_by_force import settle_by_force
+from trackfg.interchange.importing.proposals.inertial_proposal import propose_imu
+from trackfg.interchange.importing.proposals.questions import Ask, Proposal, Question, asked, asked_number
+from trackfg.interchange.importing.proposals.tach_proposal import propose_tach
 from trackfg.interchange.importing.source_table import SourceTable
 from trackfg.interchange.importing.stations import bare_unit, place_columns
+from trackfg.interchange.importing.times import is_zone
+from trackfg.numerics.km_notation import metres_of
 
 FIX_SD_M = 1.0
 """Proposed for balises and posts without a sigma: a post is read off to about a metre."""
@@ -44,29 +37,10 @@ about 3 m horizontally, twice as much in height)."""
 UNKNOWN_HEIGHT_SD_M = 1000.0
 """Sigma of the height 0 where a source has none, m: no railway is as high as five of it."""
 
-_WHEEL = re.compile(r"wheel|rad(?!ar|ius)|axle|achse|tach|odo")
-"""Names of speeds that no GNSS receiver gives."""
 
-
-@dataclass(frozen=True)
-class Question:
-    """A question has a ``key``, a ``text``, and a ``default`` that is taken without an answer."""
-
-    key: str
-    text: str
-    default: str
-    choices: tuple[str, ...] = ()
-
-
-Ask = Callable[[Question], str]
-
-
-@dataclass
-class Proposal:
-    """A proposed mapping: its ``sections``, and for keys (``"imu.axes"``) why they are what they are."""
-
-    sections: dict[str, Any]
-    reasons: dict[str, str] = field(default_factory=dict)
+RAW_DEGREES = "1e-7 deg"
+"""Unit of coordinates in messages of u-blox and of MAVLink."""
+_RIGHT_ANGLE = 90.0
 
 
 def propose(tables: Sequence[SourceTable], ask: Ask, given: dict[str, Any] | None = None) -> Proposal:
@@ -76,121 +50,20 @@ def propose(tables: Sequence[SourceTable], ask: Ask, given: dict[str, Any] | Non
     """
     proposal = Proposal({"format": FORMAT, **(given or {})})
     if "imu" not in proposal.sections:
-        _imu(proposal, tables, ask)
+        propose_imu(proposal, tables, ask)
     if "tach" not in proposal.sections:
-        _tach(proposal, tables, ask)
+        propose_tach(proposal, tables, ask)
     if "gnss" not in proposal.sections:
         _gnss(proposal, tables)
     if "balises" not in proposal.sections:
         _balises(proposal, tables)
     if "fixes" not in proposal.sections:
         _fixes(proposal, tables)
+    _time_zone(proposal, tables, ask)
     _vehicle(proposal, ask)
-    _axes(proposal, tables, ask)
+    _start(proposal, ask)
+    settle_by_force(proposal, tables, ask)
     return proposal
-
-
-def _imu(proposal: Proposal, tables: Sequence[SourceTable], ask: Ask) -> None:
-    gyro, accel = _longest(tables, "gyro"), _longest(tables, "accel")
-    if accel is None and (accel := _longest(tables, "free_accel")) is not None and not has_gravity(accel):
-        raise BadInputError(
-            "the acceleration is without gravity, which roll and pitch need; expected the specific force "
-            "(total acceleration). Hint: switch on the accelerometer itself, not the linear or user acceleration"
-        )
-    if gyro is None or accel is None:
-        lacking = "gyro" if gyro is None else "accelerometer"
-        names = "; ".join(f"{table.name}: {', '.join(table.columns[:20])}" for table in tables)
-        raise BadInputError(
-            f"no three columns of the {lacking} found among {names}; expected names such as gyro_x, or for "
-            "a track geometry a column of places and channels such as level. Hint: name them in a mapping "
-            "(docs/importing.md)"
-        )
-    same = gyro.table.name == accel.table.name
-    section: dict[str, Any] = {"file": gyro.table.name if same else [gyro.table.name, accel.table.name]}
-    section |= _time(gyro.table)
-    section["gyro"], section["gyro_unit"] = list(gyro.columns), _asked_unit(gyro, "gyro", ask)
-    section["accel"], section["accel_unit"] = list(accel.columns), _asked_unit(accel, "accel", ask)
-    proposal.sections["imu"] = section
-
-
-def _longest(tables: Sequence[SourceTable], kind: Literal["gyro", "accel", "free_accel"]) -> Triple | None:
-    """Return the columns of a kind with the most rows: a log may have slow copies of fast ones."""
-    found = [triple for table in tables for triple in triples(table, kind)]
-    return max(found, key=lambda triple: len(triple.table.frame), default=None)
-
-
-def _number(ask: Ask, key: str, text: str, default: str) -> float:
-    answer = ask(Question(key, text, default))
-    try:
-        return float(answer)
-    except ValueError:
-        raise BadInputError(f"{key}: {answer!r} is not a number; expected one such as {default}") from None
-
-
-def _asked_unit(triple: Triple, key: str, ask: Ask) -> str:
-    if triple.known or key == "accel":  # the accelerometer's unit follows from gravity
-        return triple.unit
-    columns = ", ".join(triple.columns)
-    return ask(Question("imu.gyro_unit", f"Unit of {columns}", triple.unit, ("rad/s", "deg/s", "deg/h", "mrad/s")))
-
-
-def _time(table: SourceTable, beside: tuple[SourceTable, str] | None = None) -> dict[str, Any]:
-    columns = time_columns(table)
-    if columns is None:
-        raise BadInputError(
-            f"{table.name}: no column of times found among {', '.join(table.columns[:30])}; expected one. Hint: "
-            "name it in a mapping (docs/importing.md)"
-        )
-    unit = time_unit(table, columns, beside)
-    return {"time": columns[0] if len(columns) == 1 else list(columns), **({} if unit is None else {"time_unit": unit})}
-
-
-def _tach(proposal: Proposal, tables: Sequence[SourceTable], ask: Ask) -> None:
-    imu = proposal.sections["imu"]["file"]
-    for kind in ("count", "distance", "speed"):
-        for table in tables:
-            names = [name for name in table.columns if kind_in(table, name) == kind]
-            name = next((name for name in names if _WHEEL.search(name.casefold())), next(iter(names), None))
-            if name is None or (kind == "speed" and not _is_wheels(table, name, imu, ask)):
-                continue
-            section: dict[str, Any] = {"file": table.name, **_time(table), "column": name}
-            if kind == "count":
-                section |= {
-                    "kind": "pulses",
-                    "pulses_per_rev": _number(
-                        ask, "tach.pulses_per_rev", f"Pulses per turn of the wheel, in {name}", "1"
-                    ),
-                    "wheel_diameter_m": _number(ask, "tach.wheel_diameter_m", "Wheel diameter, m", "0.92"),
-                }
-            elif kind == "distance":
-                section |= {"kind": "distance", "unit": _unit_of(proposal, table, name, "length")}
-            else:
-                section |= {"kind": "speed", "unit": _unit_of(proposal, table, name, "speed")}
-                if np.nanmin(table.numbers(name)) < 0.0:
-                    section["signed"] = True
-                    proposal.reasons["tach.signed"] = "some speeds are negative"
-            proposal.sections["tach"] = section
-            return
-
-
-def _is_wheels(table: SourceTable, name: str, imu: str | list[str], ask: Ask) -> bool:
-    """Return whether a speed is a wheel's and not the receiver's, which has latitudes beside it.
-
-    Where a table has inertial samples too, and the name does not say which it is, the user is asked.
-    """
-    if first_of(table, "latitude") is None or _WHEEL.search(name.casefold()):
-        return True
-    if table.name != imu:
-        return False
-    return ask(Question("tach.column", f"Is {name} measured at a wheel, not by GNSS?", "no", ("yes", "no"))) == "yes"
-
-
-def _unit_of(proposal: Proposal, table: SourceTable, name: str, quantity: Literal["speed", "length"]) -> str:
-    """Return the unit that a tach's column states, else m or m/s, with that as the reason."""
-    stated = written_unit(table.units.get(name) or name, quantity)
-    if stated is None:
-        proposal.reasons["tach.unit"] = f"assumed, since {name} states none"
-    return stated or {"speed": "m/s", "length": "m"}[quantity]
 
 
 def _gnss(proposal: Proposal, tables: Sequence[SourceTable]) -> None:
@@ -211,11 +84,40 @@ def _gnss(proposal: Proposal, tables: Sequence[SourceTable]) -> None:
             sd = list(stated)
             proposal.reasons.pop("gnss.sd", None)
         position = [latitude, longitude, height or 0.0]
-        section = {"file": table.name, **_time(table), "position": position, "sd": sd}
-        if height is not None and written_unit(table.units.get(height) or height, "length") == "ft":
+        section = {"file": table.name, **proposal.times_of(table), "position": position, "sd": sd}
+        unit = _unit_of_position(table, latitude)
+        if unit != "deg":
+            section["position_unit"] = unit
+        if unit == RAW_DEGREES and height is not None and unit_in(table.units.get(height) or height, "length") is None:
+            section["height_unit"] = "mm"  # as in messages of u-blox, whose sigmas are in mm, too
+            section["sd"] = list(GNSS_SD_M)
+            proposal.reasons["gnss.sd"] = "m, east, north, up: assumed, since the source states no unit of its own"
+        if height is not None and unit_in(table.units.get(height) or height, "length") in ("ft", "feet"):
             section["height_unit"] = "ft"
         proposal.sections["gnss"] = section
         return
+
+
+def _unit_of_position(table: SourceTable, latitude: str) -> str:
+    """Return the unit of coordinates: radians where they are stated, whole numbers of 1e-7 deg as receivers have them.
+
+    Raises :class:`BadInputError` for degrees and minutes in one number.
+    """
+    stated = table.units.get(latitude) or parts_of(latitude).unit
+    if factor_of(stated, "angle") == 1.0:
+        return "rad"
+    values = table.numbers(latitude)
+    largest = float(np.nanmax(np.abs(values))) if np.isfinite(values).any() else 0.0
+    if largest <= _RIGHT_ANGLE:
+        return "deg"
+    if largest <= _RIGHT_ANGLE * 1e7 and bool((np.nan_to_num(values) % 1.0 == 0.0).all()):
+        return RAW_DEGREES
+    if largest <= _RIGHT_ANGLE * 100.0:
+        raise BadInputError(
+            f"{table.name}: column {latitude!r} has values up to {largest:g}, degrees and minutes in one number "
+            "(ddmm.mmmm); expected degrees. Hint: write degrees + minutes / 60 with a sign, or import the NMEA log"
+        )
+    return "deg"
 
 
 def _balises(proposal: Proposal, tables: Sequence[SourceTable]) -> None:
@@ -225,7 +127,7 @@ def _balises(proposal: Proposal, tables: Sequence[SourceTable]) -> None:
     if passages is None:
         return
     table, name = passages
-    section = {"file": table.name, **_time(table, _clock_of_imu(proposal, tables)), "id": name}
+    section = {"file": table.name, **proposal.times_of(table, beside=_clock_of_imu(proposal, tables)), "id": name}
     for places in (table, *(other for other, same in named if other is not table and same == name)):
         if first_of(places, "station") is not None:
             section |= {} if places is table else {"places": places.name}
@@ -240,7 +142,7 @@ def _fixes(proposal: Proposal, tables: Sequence[SourceTable]) -> None:
     for table in tables:
         if table.name in taken or first_of(table, "station") is None:
             continue
-        time = _time(table, _clock_of_imu(proposal, tables))
+        time = proposal.times_of(table, beside=_clock_of_imu(proposal, tables))
         proposal.sections["fixes"] = {"file": table.name, **time, **_places(proposal, table, "fixes")}
         return
 
@@ -277,45 +179,57 @@ def _written_places(table: SourceTable, name: str) -> bool:
     return False
 
 
+def _time_zone(proposal: Proposal, tables: Sequence[SourceTable], ask: Ask) -> None:
+    """Ask for the zone of dates that state none."""
+    named = {table.name: table for table in tables}
+    sections = [part for key, part in proposal.sections.items() if isinstance(part, dict) and "time" in part]
+    without = []
+    for part in sections:
+        file = part["file"] if isinstance(part["file"], str) else part["file"][0]
+        if file in named and states_no_zone(named[file], part["time"], part.get("time_unit")):
+            without.append(part)
+    if not without or any("time_zone" in part for part in without):
+        return
+    text = "Time zone of the dates, which state none (UTC, Europe/Zurich, ...)"
+    zone = asked(ask, Question("time_zone", text, "UTC", accepts=is_zone), "a zone such as Europe/Zurich")
+    for part in without:
+        part["time_zone"] = zone
+    proposal.reasons["imu.time_zone"] = "the dates state none"
+
+
 def _vehicle(proposal: Proposal, ask: Ask) -> None:
     imu = proposal.sections["imu"]
     if "rigid" not in imu:
-        text = "Is the sensor fixed to what follows the track (axle box, wheelset, trolley), not on springs?"
+        text = (
+            "Does the sensor follow the track, as on an axle box, a wheelset or a trolley? If it is on springs (bogie, "
+            "body), only displacement sensors give the track geometry"
+        )
         imu["rigid"] = ask(Question("imu.rigid", text, "no", ("yes", "no"))) == "yes"
     if "track" not in proposal.sections:
-        gauge = _number(ask, "track.gauge_m", "Track gauge, m", "1.435")
+        gauge = asked_number(ask, "track.gauge_m", "Track gauge, m", "1.435")
         proposal.sections["track"] = {"gauge_m": gauge, "cross_level_base_m": 1.5 if gauge >= 1.435 else gauge}
 
 
-def _axes(proposal: Proposal, tables: Sequence[SourceTable], ask: Ask) -> None:
-    """Set the axes that the data show, and ask where they do not show them clearly."""
-    imu = proposal.sections["imu"]
-    if "axes" in imu:
+def _start(proposal: Proposal, ask: Ask) -> None:
+    """Ask for the official place at which a run begins whose chainages no fix and no balise gives."""
+    if {"fixes", "balises", "kilometrage"} & proposal.sections.keys():
         return
-    with temporary_folder() as folder:
-        made = write_imported(tables, mapping_of(proposal.sections, "proposal"), folder / "r", run_id="proposal")
-        recording = made.loaded.recording
-        assert recording is not None  # write_imported raises where it is not readable
-        axes = estimates_of(recording).axes
-        up = recording.accel.mean(axis=0)
-    clear = (
-        axes.best_forward_correlation is not None and axes.best_forward_correlation >= CheckLimits().axis_correlation
-    )
-    if clear:
-        imu["axes"] = axes.proposed
-        proposal.reasons["imu.axes"] = (
-            f"gravity and the tach's acceleration show it (correlation {axes.best_forward_correlation:.2f})"
+    text = "Official place where the run begins, as 12+345 (empty: not known)"
+    km = ask(
+        Question(
+            "kilometrage.equation", text, "", accepts=lambda place: metres_of(place, "km") is not None, optional=True
         )
+    )
+    if not km.strip():
         return
-    vertical = int(np.argmax(np.abs(up)))
-    default = next(axes for axes in AXES if axes[vertical] == ("U" if up[vertical] > 0 else "D") and "F" in axes)
-    text = "Where do x, y, z point: forward F or back B, left L or right R, up U or down D"
-    imu["axes"] = ask(Question("imu.axes", text, default)).upper()
-    proposal.reasons["imu.axes"] = "gravity shows which axis is vertical; the others were answered"
+    section: dict[str, Any] = {"equation": [{"chainage_m": 0.0, "km": km.strip()}]}
+    if ask(Question("kilometrage.direction", "Do the kilometres rise along the run?", "yes", ("yes", "no"))) == "no":
+        section["direction"] = "descending"
+    proposal.sections["kilometrage"] = section
 
 
 def unused_columns(sections: dict[str, Any], tables: Sequence[SourceTable]) -> dict[str, list[str]]:
-    """Return the columns that no section of a mapping uses, by the name of their table."""
+    """Return the columns with values that no section of a mapping uses, by the name of their table."""
     used: dict[str, set[str]] = {}
     for section in sections.values():
         if isinstance(section, dict) and "file" in section:
@@ -323,7 +237,12 @@ def unused_columns(sections: dict[str, Any], tables: Sequence[SourceTable]) -> d
             files = section["file"] if isinstance(section["file"], list) else [section["file"]]
             for file in (*files, *([section["places"]] if "places" in section else [])):
                 used.setdefault(file, set()).update(str(value) for value in values)
-    unused = {table.name: [name for name in table.columns if name not in used.get(table.name, ())] for table in tables}
+    unused = {
+        table.name: [
+            name for name in table.columns if name not in used.get(table.name, ()) and table.frame[name].notna().any()
+        ]
+        for table in tables
+    }
     return {name: columns for name, columns in unused.items() if columns}
 
 

@@ -15,9 +15,11 @@ from trackfg.interchange.importing.sources.mcap_json import McapJson
 from trackfg.interchange.importing.sources.mdf import Mdf
 from trackfg.interchange.importing.sources.phones import Phyphox, SensorLogger
 from trackfg.interchange.importing.sources.rosbag import RosBag
+from trackfg.interchange.importing.sources.table_files import TEXT_SUFFIXES
 from trackfg.interchange.importing.sources.tdms import Tdms
 from trackfg.interchange.importing.sources.text import TextFormat
 from trackfg.interchange.importing.sources.vbo import Vbo
+from trackfg.interchange.importing.unread_formats import unread_format
 
 ENTRY_POINT = "trackfg.source_formats"
 """Other packages register a :class:`SourceFormat` class under this group."""
@@ -57,9 +59,11 @@ def source_format(path: Path, name: str | None = None) -> SourceFormat:
         raise BadInputError(f"{path}: is a pipe or a device; expected a file or a folder")
     if named is not None:
         return named
-    for form in known.values():
-        if form.recognises(path):
-            return form
+    found = next((form for form in known.values() if form.recognises(path)), None)
+    if (found is None or path.suffix.casefold() in TEXT_SUFFIXES) and (unread := unread_format(path)) is not None:
+        raise BadInputError(unread)
+    if found is not None:
+        return found
     if kind := kind_of(path):
         raise BadInputError(f"{path}: is a trackfg {kind}; expected a source of one of {', '.join(known)}")
     hint = "Hint: trackfg import and init take its name with --from"

@@ -11,7 +11,8 @@ from trackfg.errors import BadInputError, did_you_mean
 from trackfg.files.temporary_folder import temporary_folder
 from trackfg.interchange.importing.conversion import write_imported
 from trackfg.interchange.importing.mapping import mapping_of
-from trackfg.interchange.importing.proposal import Ask, propose
+from trackfg.interchange.importing.proposal import propose
+from trackfg.interchange.importing.proposals.questions import Ask
 from trackfg.interchange.importing.registry import source_format
 from trackfg.io.description_reader import locate
 from trackfg.io.reader import read_recording

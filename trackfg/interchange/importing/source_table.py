@@ -11,6 +11,9 @@ import pandas as pd
 from trackfg.errors import BadInputError, did_you_mean, printable
 from trackfg.numerics.arrays import Array
 
+ROW_NUMBER = "row number"
+"""The name by which a mapping means the number of a row, from 0, in a table without such a column."""
+
 
 @dataclass(frozen=True)
 class SourceTable:
@@ -18,7 +21,7 @@ class SourceTable:
 
     ``units`` are those that the source states, by column; ``first_row`` is the number of the first data row in the
     file, counted from 1, for messages; ``start_ns`` is the date at which its times are 0, ns since 1970, where the
-    source states it.
+    source states it; ``remarks`` is the text above the names; ``notes`` say what reading has assumed.
     """
 
     name: str
@@ -26,6 +29,8 @@ class SourceTable:
     units: Mapping[str, str] = field(default_factory=dict)
     first_row: int = 1
     start_ns: int | None = None
+    remarks: str = ""
+    notes: tuple[str, ...] = ()
 
     @property
     def columns(self) -> list[str]:
@@ -35,6 +40,8 @@ class SourceTable:
     def column(self, name: str) -> pd.Series:
         """Return a column. Raises :class:`BadInputError` with the nearest name where there is none of that name."""
         if name not in self.frame.columns:
+            if name == ROW_NUMBER:
+                return pd.Series(np.arange(len(self.frame)))
             near = did_you_mean(name, self.columns)
             known = ", ".join(self.columns[:30])
             raise BadInputError(

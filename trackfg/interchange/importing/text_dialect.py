@@ -14,6 +14,7 @@ from typing import Annotated, Literal
 from pydantic import BaseModel, ConfigDict, Field
 
 from trackfg.errors import BadInputError
+from trackfg.interchange.importing.columns.written_units import QUANTITIES, factor_of
 from trackfg.numerics.km_notation import metres_of
 
 _SAMPLE_BYTES = 200_000
@@ -32,14 +33,27 @@ _DECIMAL_POINT = re.compile(r"[+-]?\d*\.\d+([eE][+-]?\d+)?$")
 _TEMPORAL = re.compile(r"\d{1,4}[-./:]\d{1,2}([-./:T ]\d{1,4}.*)?$")
 _WORD = re.compile(r"[^\W\d_]{3}")
 _IN_BRACKETS = re.compile(r"^(.*\S)\s*[\[(]\s*([^\[\]()]*)\s*[\])]$")
-_UNIT = re.compile(
-    r"^[\[(]?\s*(-|1|s|ms|us|µs|ns|m|mm|km|mi|miles?|ft|in|g|mg|°|deg|rad|%|v|hz|°?c|"
-    r"(deg|rad|mrad|°|m|mm|km|mi|ft|grad)(/|\s?·?)(s|h|s\^?2|s²|sec)(\^-?[12]|-?[12])?|m\*s-2|mph|kph|kmh|dps|"
-    r"kn(ots?)?|counts?|pulses?|ticks?|imp\.?|utc|gps|date|iso ?8601|hh:mm:ss.*|dd.mm.yyyy.*|yyyy.mm.dd.*)\s*[\])]?$",
+_UNIT_WORD = re.compile(
+    r"-|1|%|v|mv|hz|deg ?c|°?c|k|[hm]?pa|m?bar|u?t|a\.?u\.?|counts?|pulses?|ticks?|imp\.?|lsb|raw|rps|utc|gps|date|"
+    r"iso ?8601|hh:?mm:?ss.*|(dd|mm|yyyy|yy)[./-]?(mm|dd)[./-]?.*|bool|int|float|text|string",
     re.IGNORECASE,
 )
-_MARKS = "#%/ "
+"""What stands in a row of units besides units of motion."""
+_MARKS = "#%/!* "
 """What a line that is a remark to its reader begins with: the header is often one."""
+_REMARK = re.compile(r"#|%|//|!|\*\*")
+EMPTY_CELLS = (
+    *("", "-", "--", "---", "----", "*", "**", "***", "?", ".", "NaN", "nan", "NAN", "NA", "N/A", "n/a", "#N/A", "#NV"),
+    *("null", "NULL", "Null", "None", "none", "nil", "\\N", "missing", "inf", "-inf", "Inf", "-Inf", "INF", "-INF"),
+    *(
+        f"{sign}1.#{name}{zeros}"
+        for sign in ("", "-")
+        for name in ("QNAN", "IND", "INF", "SNAN")
+        for zeros in ("", "0", "00")
+    ),
+)
+"""What a cell without a value holds, also as C libraries of Windows print it (``-1.#IND``)."""
+_EMPTY = frozenset(cell.casefold() for cell in EMPTY_CELLS)
 
 
 class DialectOptions(BaseModel):
@@ -69,6 +83,7 @@ class Dialect:
     first_row: int
     names: tuple[str, ...]
     units: dict[str, str]
+    remarks: str = ""
 
     @property
     def by_blanks(self) -> bool:
@@ -107,7 +122,7 @@ def _guessed(path: Path, options: DialectOptions) -> Dialect:
         )
     names, units = header_of(rows, first, width, options.header_row)
     decimal = options.decimal or _decimal(rows[first:], delimiter)
-    return Dialect(encoding, delimiter, decimal, first + 1, names, units)
+    return Dialect(encoding, delimiter, decimal, first + 1, names, units, "\n".join(lines[:first]))
 
 
 def cells(line: str, delimiter: str) -> list[str]:
@@ -117,12 +132,18 @@ def cells(line: str, delimiter: str) -> list[str]:
     return [cell.strip() for cell in next(csv.reader([line], delimiter=delimiter), [])]
 
 
+def in_brackets(name: str) -> tuple[str, str]:
+    """Return a name without the unit that it has in brackets at its end, and that unit; empty where it has none."""
+    match = _IN_BRACKETS.match(name)
+    return (match[1].strip(), match[2].strip()) if match and match[2].strip() else (name, "")
+
+
 def is_remark(line: str, delimiter: str) -> bool:
     """Return whether a line among the data is a remark: one marked as such, or one cell that begins with a word."""
     if not line.isprintable():
         return False
     filled = [cell for cell in cells(line, delimiter) if cell]
-    return len(filled) > 0 and (filled[0].startswith("#") or (len(filled) == 1 and bool(_WORD.match(filled[0]))))
+    return len(filled) > 0 and bool(_REMARK.match(filled[0]) or (len(filled) == 1 and _WORD.match(filled[0])))
 
 
 def _encoding(sample: bytes, path: Path) -> str:
@@ -130,12 +151,31 @@ def _encoding(sample: bytes, path: Path) -> str:
         if sample.startswith(mark):
             return name
     if b"\0" in sample:
-        raise BadInputError(f"{path.name}: is not text (it has null bytes); expected delimited text")
+        wide = _wide_encoding(sample)
+        if wide is None:
+            raise BadInputError(f"{path.name}: is not text (it has null bytes); expected delimited text")
+        return wide
+    whole = sample[: sample.rfind(b"\n") + 1 or len(sample)]
+    if not _decodes(whole, "utf-8") and _is_chinese(sample):
+        return "gb18030"
+    return next((name for name in ("utf-8", "cp1252", "cp932") if _decodes(whole, name)), "cp1252")
+
+
+def _decodes(sample: bytes, encoding: str) -> bool:
     try:
-        sample[: sample.rfind(b"\n") + 1 or len(sample)].decode("utf-8")
+        sample.decode(encoding)
     except UnicodeDecodeError:
-        return "gb18030" if _is_chinese(sample) else "cp1252"
-    return "utf-8"
+        return False
+    return True
+
+
+def _wide_encoding(sample: bytes) -> str | None:
+    """Return UTF-16 without a mark, of which most characters of a table have one null byte; else None."""
+    for name, nulls in (("utf-16-le", sample[1::2]), ("utf-16-be", sample[::2])):
+        text = sample[: len(sample) // 2 * 2]
+        if nulls.count(0) > 0.8 * len(nulls) and sample.count(0) < 1.1 * nulls.count(0) and _decodes(text, name):
+            return name
+    return None
 
 
 def _is_chinese(sample: bytes) -> bool:
@@ -176,8 +216,7 @@ def _plain_share(rows: list[list[str]], width: int) -> float:
 
 def _is_value(cell: str) -> bool:
     cell = cell.strip('"')
-    known = ("", "nan", "null", "none", "na", "n/a", "-")
-    if cell.casefold() in known or any(pattern.match(cell) for pattern in (_NUMBER, _TEMPORAL)):
+    if cell.casefold() in _EMPTY or any(pattern.match(cell) for pattern in (_NUMBER, _TEMPORAL)):
         return True
     return metres_of(cell) is not None
 
@@ -211,19 +250,25 @@ def header_of(
 ) -> tuple[tuple[str, ...], dict[str, str]]:
     """Return the names of the columns and their units: from brackets in the names, and from a row of units.
 
-    Of two rows of names the upper one has one for several columns (``Gyro;;;Accel;;`` above ``X;Y;Z;X;Y;Z``).
+    Of two rows of names the upper one has one for several columns (``Gyro;;;Accel;;`` above ``X;Y;Z;X;Y;Z``). What
+    stands below a row of units describes the columns. A header may lack the name of a column that is always empty, as
+    where rows end in a delimiter, or that of the first one, of numbers of rows.
     """
-    above = [row for row in (_unmarked(row, width) for row in rows[:first]) if len(row) == width and any(row)]
-    units_row = None
+    data = [row for row in rows[first:] if len(row) == width]
+    above = [row for row in (_fitted(_unmarked(row, width), width, data) for row in rows[:first]) if any(row)]
+    named_row = rows[header_row - 1] if header_row is not None and 0 < header_row <= len(rows) else []
+    units_at = next((i for i in range(len(above) - 1, -1, -1) if above[i] != named_row and _are_units(above[i])), None)
+    units_row = None if units_at is None else above[units_at]
     if header_row is not None:
-        names = rows[header_row - 1] if 0 < header_row <= len(rows) else []
-        units_row = next((row for row in reversed(above) if row != names and _are_units(row)), None)
+        names = _fitted(named_row, width, data) or named_row
     else:
-        if len(above) > 1 and _are_units(above[-1]):
-            units_row, above = above[-1], above[:-1]
-        names = above[-1] if above else []
-        if len(above) > 1 and _repeat(names):
-            names = _below(above[-2], names)
+        candidates = above if not units_at else above[:units_at]
+        candidates = candidates[1:] if units_at == 0 else candidates
+        if units_at == 0 and not candidates:  # a row that looks like units is that of the names
+            candidates, units_row = above, None
+        names = candidates[-1] if candidates else []
+        if len(candidates) > 1 and _repeat(names):
+            names = _below(candidates[-2], names)
     names = [*names, *[""] * (width - len(names))][:width]
     stated = {i: unit.strip("[]() ") for i, unit in enumerate(units_row or [""] * width) if unit}
     named, taken = [], dict[str, int]()
@@ -237,10 +282,22 @@ def header_of(
     return tuple(named), {named[i]: unit for i, unit in stated.items() if i < width}
 
 
+def _fitted(row: list[str], width: int, data: list[list[str]]) -> list[str]:
+    """Return a row above the data with a cell for each column; empty where it is none of names."""
+    if len(row) == width + 1 and not row[-1]:
+        return row[:-1]
+    if len(row) == width - 1 and len(row) > 1 and data:
+        if not any(cells[-1] for cells in data):
+            return [*row, ""]
+        if all(cells[0].strip('"').isdigit() for cells in data):
+            return ["", *row]
+    return row if len(row) == width else []
+
+
 def _unmarked(row: list[str], width: int) -> list[str]:
     """Return a row above the data without the mark of a remark, which may be a cell of its own before the others."""
     first = row[0].lstrip(_MARKS) if row else ""
-    return [first, *row[1:]] if first else row[1:] if len(row) == width + 1 else row
+    return [first, *row[1:]] if first else row[1:] if len(row) == width + 1 and row[0] else row
 
 
 def _repeat(names: list[str]) -> bool:
@@ -263,7 +320,12 @@ def _below(upper: list[str], names: list[str]) -> list[str]:
 
 def _are_units(row: list[str]) -> bool:
     filled = [cell for cell in row if cell]
-    return bool(filled) and sum(bool(_UNIT.match(cell)) for cell in filled) > 0.5 * len(filled)
+    return bool(filled) and sum(_is_unit(cell) for cell in filled) > 0.5 * len(filled)
+
+
+def _is_unit(cell: str) -> bool:
+    word = cell.strip("[]() ")
+    return bool(_UNIT_WORD.fullmatch(word)) or any(factor_of(word, quantity) is not None for quantity in QUANTITIES)
 
 
 def _decimal(rows: list[list[str]], delimiter: str) -> str:

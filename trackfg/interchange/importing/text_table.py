@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import re
 from pathlib import Path
 
 import pandas as pd
@@ -12,9 +13,17 @@ import pyarrow.csv
 
 from trackfg.errors import BadInputError, first_line, printable
 from trackfg.interchange.importing.source_table import SourceTable
-from trackfg.interchange.importing.text_dialect import Dialect, DialectOptions, cells, dialect_of, is_remark
+from trackfg.interchange.importing.text_dialect import (
+    EMPTY_CELLS,
+    Dialect,
+    DialectOptions,
+    cells,
+    dialect_of,
+    is_remark,
+)
 
-_EMPTY_CELLS = ["", "NaN", "nan", "NA", "N/A", "null", "NULL", "None", "-"]
+_BLOCK_BYTES = 1 << 22
+"""Text that is changed at a time."""
 
 
 def read_text(path: Path, options: DialectOptions | None = None) -> SourceTable:
@@ -22,30 +31,45 @@ def read_text(path: Path, options: DialectOptions | None = None) -> SourceTable:
     to blame.
     """
     dialect = dialect_of(path, options)
-    frame = _by_blanks(path, dialect) if dialect.by_blanks else _by_delimiter(path, dialect)
-    if frame.empty:
-        raise BadInputError(f"{path.name}: the table has no rows; expected data from row {dialect.first_row} on")
-    return SourceTable(path.name, frame, dialect.units, dialect.first_row)
-
-
-def _by_delimiter(path: Path, dialect: Dialect) -> pd.DataFrame:
     try:
-        return _parsed(path, dialect, _codec(dialect.encoding))
+        frame = _parsed(_source(path, dialect), dialect)
     except (pa.ArrowException, UnicodeError) as error:
         rows = _without_remarks(path, dialect)
         if rows is None:
             raise BadInputError(_fault(path, dialect, error)) from error
-    try:
-        return _parsed(pa.BufferReader(rows), dialect, "utf-8")
-    except pa.ArrowException as error:
-        raise BadInputError(_fault(path, dialect, error)) from error
+        try:
+            frame = _parsed(pa.BufferReader(rows), dialect)
+        except pa.ArrowException as second:
+            raise BadInputError(_fault(path, dialect, second)) from second
+    if frame.empty:
+        raise BadInputError(f"{path.name}: the table has no rows; expected data from row {dialect.first_row} on")
+    return SourceTable(path.name, frame, dialect.units, dialect.first_row, remarks=dialect.remarks)
 
 
-def _parsed(source: Path | pa.BufferReader, dialect: Dialect, encoding: str) -> pd.DataFrame:
+def _source(path: Path, dialect: Dialect) -> Path | pa.BufferReader:
+    """Return what Arrow reads: the file, or its text where columns are parted by blanks."""
+    if not dialect.by_blanks:
+        return path
+    whole = bytearray()
+    with path.open(encoding=_codec(dialect.encoding)) as stream:
+        while lines := stream.readlines(_BLOCK_BYTES):
+            whole += _parted("".join(lines))
+    return pa.BufferReader(whole)
+
+
+def _parted(text: str) -> bytes:
+    """Return text with one tab in place of the blanks between its columns."""
+    lines = re.sub(r"[ \t]+", "\t", text)
+    return re.sub(r"(?m)^\t|\t$", "", lines).encode()
+
+
+def _parsed(source: Path | pa.BufferReader, dialect: Dialect) -> pd.DataFrame:
+    encoding = _codec(dialect.encoding) if isinstance(source, Path) else "utf-8"
     read = pa.csv.ReadOptions(column_names=list(dialect.names), skip_rows=dialect.first_row - 1, encoding=encoding)
-    parse = pa.csv.ParseOptions(delimiter=dialect.delimiter, ignore_empty_lines=True)
+    delimiter = "\t" if dialect.by_blanks else dialect.delimiter
+    parse = pa.csv.ParseOptions(delimiter=delimiter, ignore_empty_lines=True)
     convert = pa.csv.ConvertOptions(
-        null_values=_EMPTY_CELLS, strings_can_be_null=True, decimal_point=dialect.decimal, timestamp_parsers=["none"]
+        null_values=EMPTY_CELLS, strings_can_be_null=True, decimal_point=dialect.decimal, timestamp_parsers=["none"]
     )
     return _as_frame(pa.csv.read_csv(source, read, parse, convert), dialect.decimal)
 
@@ -59,17 +83,21 @@ def _without_remarks(path: Path, dialect: Dialect) -> bytes | None:
         kept = [line for line in rows if not is_remark(line.rstrip("\n"), dialect.delimiter)]
     except (UnicodeDecodeError, csv.Error):
         return None
-    return None if len(kept) == len(rows) else "".join((*above, *kept)).encode()
+    if len(kept) == len(rows):
+        return None
+    text = "".join((*above, *kept))
+    return _parted(text) if dialect.by_blanks else text.encode()
 
 
 def _as_frame(table: pa.Table, decimal: str) -> pd.DataFrame:
     """Return numbers as numbers, and dates, times and all else as text, as they are written."""
-    columns = []
-    for column in table.columns:
+    columns = {}
+    for name in table.column_names:
+        column = table.column(name)
         numeric = pa.types.is_integer(column.type) or pa.types.is_floating(column.type)
-        columns.append(column if numeric else _ungrouped(column.cast(pa.string()), decimal))
-    frame: pd.DataFrame = pa.table(columns, names=table.column_names).to_pandas()
-    return frame
+        columns[name] = (column if numeric else _ungrouped(column.cast(pa.string()), decimal)).to_pandas()
+        table = table.drop_columns([name])  # no column is there twice
+    return pd.DataFrame(columns, copy=False)
 
 
 def _ungrouped(column: pa.ChunkedArray, decimal: str) -> pa.ChunkedArray:
@@ -82,25 +110,6 @@ def _ungrouped(column: pa.ChunkedArray, decimal: str) -> pa.ChunkedArray:
             return column
     plain = pa.compute.replace_substring_regex(column, signs, "")
     return pa.compute.replace_substring(plain, decimal, ".").cast(pa.float64())
-
-
-def _by_blanks(path: Path, dialect: Dialect) -> pd.DataFrame:
-    try:
-        frame = pd.read_csv(
-            path,
-            sep=r"\s+",
-            header=None,
-            names=list(dialect.names),
-            skiprows=dialect.first_row - 1,
-            decimal=dialect.decimal,
-            encoding=_codec(dialect.encoding),
-            na_values=_EMPTY_CELLS,
-        )
-    except (ValueError, pd.errors.ParserError, UnicodeError) as error:
-        raise BadInputError(_fault(path, dialect, error)) from error
-    if isinstance(frame.index, pd.RangeIndex):
-        return frame
-    raise BadInputError(f"{path.name}: rows have more cells than the {len(dialect.names)} names; expected as many")
 
 
 def _codec(encoding: str) -> str:

@@ -52,6 +52,12 @@ _DATE_FORMATS = (
 )
 """Tried in this order. A date with slashes is day first where it can be; with AM or PM it is month first."""
 
+_ZONE_HOURS = {"utc": 0, "gmt": 0, "z": 0, "cet": 1, "mez": 1, "cest": 2, "mesz": 2, "eet": 2, "eest": 3, "jst": 9}
+"""Abbreviations of zones that mean one only, h; CST, EST, IST and the like are used for several."""
+
+_PERIODS_S = (604_800.0, 86_400.0)
+"""Times that start again: those of the week of GPS, and of the day, s."""
+
 _CLOCK_FORMATS = ("%H:%M:%S.%f", "%H:%M:%S")
 _DAY_S = 86_400
 _DAY_NS = _DAY_S * 1_000_000_000
@@ -62,8 +68,8 @@ class TimeNotation:
     """How a source writes its times.
 
     ``unit`` is one of ``s, ms, us, ns`` for numbers, which are Unix times where they are as large as those; ``"gps"``
-    for seconds since the GPS epoch; ``"days"`` for those of spreadsheets, since 1899-12-30; ``"ticks"`` for a counter
-    of ``tick_s`` that starts again at ``wraps_at``.
+    for seconds since the GPS epoch; ``"days"`` for those of spreadsheets, since 1899-12-30; ``"hhmmss"`` for a time of
+    day in one number, as receivers write it; ``"ticks"`` for a counter of ``tick_s`` that starts again at ``wraps_at``.
     ``format`` is a ``strptime`` format for text, or None to find it out. ``zone`` is where times without one were
     written.
     """
@@ -156,6 +162,20 @@ def guessed_unit(values: Array) -> str:
     return "s" if typical < 2.0 else "ms" if typical < 2e3 else "us" if typical < 2e6 else "ns"
 
 
+def are_clock_digits(values: Array, name: str) -> bool:
+    """Return whether numbers (n,) are times of day as receivers write them, ``hhmmss.sss``.
+
+    That shows where a minute ends: 59.99 is followed by 100. Numbers within one minute are, where ``name`` is UTC's.
+    """
+    whole = np.floor(values)
+    valid = (values >= 0.0) & (whole % 100 < 60) & (whole // 100 % 100 < 60) & (whole < 240_000)
+    if not valid.all():
+        return False
+    step = np.diff(values)
+    minutes = np.isin(np.diff(whole // 100), (1.0, 41.0)) & (step >= 40.0)
+    return bool(minutes.any()) or (bool(re.search(r"utc|hhmmss", name.casefold())) and bool(values.min() >= 100.0))
+
+
 def _numeric(values: Array, series: pd.Series, notation: TimeNotation, label: str, first_row: int) -> Times:
     if empty := _first(~np.isfinite(values)):
         raise BadInputError(f"{label}, row {first_row + empty - 1}: is empty; expected a time")
@@ -169,19 +189,46 @@ def _numeric(values: Array, series: pd.Series, notation: TimeNotation, label: st
     if unit == "days":
         days = np.floor(values)
         ns = (days.astype(np.int64) - _SPREADSHEET_EPOCH_DAYS) * _DAY_NS
-        return Times(ns + np.round((values - days) * _DAY_NS).astype(np.int64), None)
+        return Times(_as_utc(ns + np.round((values - days) * _DAY_NS).astype(np.int64), notation.zone, label), None)
+    if unit == "hhmmss":
+        return _of_the_day(clock_ns(values), notation.zone, label)
     if unit not in UNIT_S:
-        known = ", ".join((*UNIT_S, "ticks", "gps", "days"))
+        known = ", ".join((*UNIT_S, "ticks", "gps", "days", "hhmmss"))
         raise BadInputError(f"{label}: unknown time_unit {unit!r}; expected one of {known}")
     on_calendar = _EPOCH_S[0] <= float(np.median(values)) * UNIT_S[unit] <= _EPOCH_S[1]
     if not on_calendar:
-        return Times(None, values * UNIT_S[unit])
+        return Times(None, _going_on(values, pd.api.types.is_integer_dtype(series), unit) * UNIT_S[unit])
     if pd.api.types.is_integer_dtype(series):
         return Times(series.to_numpy(dtype=np.int64) * _NS_PER[unit], None)
     whole = np.floor(values)
     return Times(
         whole.astype(np.int64) * _NS_PER[unit] + np.round((values - whole) * _NS_PER[unit]).astype(np.int64), None
     )
+
+
+def _going_on(values: Array, whole: bool, unit: str) -> Array:
+    """Return times (n,) in ``unit`` that go on where a counter, the week or the day starts again."""
+    falls = np.flatnonzero(np.diff(values) < 0)
+    if falls.size == 0:
+        return values
+    usual = float(np.median(np.abs(np.diff(values))))
+    for period in (seconds / UNIT_S[unit] for seconds in _PERIODS_S):
+        if (np.abs(values[falls] - values[falls + 1] - period) < 10.0 * usual).all():
+            return unwrapped(values, period)
+    return unwrapped(values) if whole else values
+
+
+def clock_ns(values: Array) -> np.ndarray:
+    """Return numbers (n,) ``hhmmss.sss`` as ns since midnight."""
+    whole = np.floor(values).astype(np.int64)
+    seconds = 3600 * (whole // 10_000) + 60 * (whole // 100 % 100) + whole % 100
+    return np.asarray(seconds * 1_000_000_000 + np.round((values - whole) * 1e9).astype(np.int64))
+
+
+def _of_the_day(ns: np.ndarray, zone: str, label: str) -> Times:
+    """Return times of day (n,), ns since midnight, which goes on to the next day."""
+    days = np.concatenate([[0], np.cumsum(np.diff(ns) < -_DAY_NS // 2)])
+    return Times(None, (ns + days * _DAY_NS) / 1e9, _zone(zone, label))
 
 
 def gps_ns(seconds: Array) -> np.ndarray:
@@ -194,14 +241,16 @@ def gps_ns(seconds: Array) -> np.ndarray:
 def unwrapped(count: Array, wraps_at: float | None = None) -> Array:
     """Return a counter (n,) that goes on where it starts again.
 
-    ``wraps_at``: the first value that it does not reach; by default the next power of two above its largest value where
-    that is the end of its range, else nothing is undone.
+    ``wraps_at``: the first value that it does not reach; by default the next power of two or ten above its largest
+    value where that is the end of its range, else nothing is undone.
     """
     falls = np.flatnonzero(np.diff(count) < 0)
     if falls.size == 0:
         return count
     if wraps_at is None:
-        wraps_at = float(2.0 ** np.ceil(np.log2(count.max() + 1.0)))
+        largest = float(count.max())
+        whole = largest + (1.0 if largest == np.floor(largest) else 0.0)
+        wraps_at = min(float(base ** np.ceil(np.log(whole) / np.log(base) - 1e-9)) for base in (2.0, 10.0))
         if count[falls].min() < 0.9 * wraps_at or count[falls + 1].max() > 0.1 * wraps_at:
             return count
     turns = np.zeros(count.size)
@@ -210,7 +259,10 @@ def unwrapped(count: Array, wraps_at: float | None = None) -> Array:
 
 
 def _textual(text: pd.Series, notation: TimeNotation, label: str, first_row: int) -> Times:
-    text = text.str.replace(",", ".", regex=False) if notation.format is None else text
+    if notation.format is None:
+        text, ahead_ns = _without_zones(text.str.replace(",", ".", regex=False))
+    else:
+        ahead_ns = None
     clock = notation.format is None and text.iloc[:100].str.fullmatch(r"\d{1,2}:\d{2}(:\d{2}(\.\d+)?)?").all()
     formats = (notation.format,) if notation.format else _CLOCK_FORMATS if clock else _DATE_FORMATS
     parsed = None
@@ -226,13 +278,40 @@ def _textual(text: pd.Series, notation: TimeNotation, label: str, first_row: int
         )
     if clock:
         ns = parsed.dt.tz_localize(None).astype("datetime64[ns]").astype(np.int64).to_numpy() % _DAY_NS
-        days = np.concatenate([[0], np.cumsum(np.diff(ns) < -_DAY_NS // 2)])
-        return Times(None, (ns + days * _DAY_NS) / 1e9, _zone(notation.zone, label))
-    if parsed.dt.tz is None:
-        parsed = parsed.dt.tz_localize(_zone(notation.zone, label), ambiguous="infer", nonexistent="shift_forward")
-    return Times(
-        parsed.dt.tz_convert("UTC").dt.tz_localize(None).astype("datetime64[ns]").astype(np.int64).to_numpy(), None
-    )
+        return _of_the_day(ns - (0 if ahead_ns is None else ahead_ns), notation.zone, label)
+    if parsed.dt.tz is not None:
+        parsed = parsed.dt.tz_convert("UTC").dt.tz_localize(None)
+        return Times(parsed.astype("datetime64[ns]").astype(np.int64).to_numpy(), None)
+    ns = parsed.astype("datetime64[ns]").astype(np.int64).to_numpy()
+    return Times(_as_utc(ns, notation.zone, label) if ahead_ns is None else ns - ahead_ns, None)
+
+
+def _without_zones(text: pd.Series) -> tuple[pd.Series, np.ndarray | None]:
+    """Return times (n,) without the abbreviation of a zone at their end, and how far that is ahead of UTC, ns.
+
+    None where one of them has none that means one zone only.
+    """
+    parts = text.str.extract(r"^(.*\d)\s?([A-Za-z]+)$")
+    hours = parts[1].str.casefold().map(_ZONE_HOURS)
+    if hours.isna().any():
+        return text, None
+    return parts[0], hours.to_numpy(dtype=np.int64) * 3_600_000_000_000
+
+
+def _as_utc(ns: np.ndarray, zone: str, label: str) -> np.ndarray:
+    """Return times (n,) that were written in a zone, ns since 1970, as those of UTC."""
+    if zone == "UTC":
+        return ns
+    try:
+        local = pd.Series(ns.astype("datetime64[ns]")).dt.tz_localize(
+            _zone(zone, label), ambiguous="infer", nonexistent="shift_forward"
+        )
+    except ValueError:  # the hour that is there twice, without the change within the log
+        raise BadInputError(
+            f"{label}: lies in the hour that {zone} has twice; expected times of which it is plain. Hint: state a zone "
+            "without summer time as time_zone, such as Etc/GMT-1 (one hour ahead of UTC)"
+        ) from None
+    return np.asarray(local.dt.tz_convert("UTC").dt.tz_localize(None).astype(np.int64))
 
 
 def _parsed(text: pd.Series, form: str) -> pd.Series | None:
@@ -250,6 +329,21 @@ def _first_unread(text: pd.Series, form: str) -> tuple[int, str]:
     return at, str(text.iloc[at])
 
 
+def is_zone(name: str) -> bool:
+    """Return whether a time zone has this name."""
+    try:
+        _zone(name, "")
+    except BadInputError:
+        return False
+    return True
+
+
+def states_zone(cell: str) -> bool:
+    """Return whether a written time states its zone: ``Z``, an offset from UTC, or an abbreviation that is known."""
+    match = re.search(r"\d\s?([A-Za-z]+)$", cell)
+    return bool(re.search(r"\d[+-]\d{2}:?\d{2}$", cell)) or (match is not None and match[1].casefold() in _ZONE_HOURS)
+
+
 def _zone(name: str, label: str) -> tzinfo:
     try:
         return UTC if name == "UTC" else ZoneInfo(name)
@@ -260,49 +354,6 @@ def _zone(name: str, label: str) -> tzinfo:
 def _first(wrong: np.ndarray) -> int:
     """Return the number of the first row that is marked, from 1; 0 for none."""
     return int(np.argmax(wrong)) + 1 if wrong.any() else 0
-
-
-def spread_stamps(t: Array) -> Array:
-    """Return times (n,), s, without the repetitions that coarse stamps have: samples are as far apart as on average.
-
-    Between two breaks (steps of more than 10 usual intervals) the samples of a clock that ticks every q lie on a
-    straight line, up to q; a slow change of the rate is followed by lines over some 2000 samples. Times that grow from
-    row to row are returned as they are.
-    """
-    step = np.diff(t)
-    if t.size < 3 or (step > 0).all():
-        return t
-    if (step < 0).any():
-        return t  # a clock that runs backwards is not corrected here: `check` names the row
-    usual = (t[-1] - t[0]) / (t.size - 1)
-    ticks = step[step > 0]
-    quantum = float(ticks.min()) if ticks.size else 0.0
-    breaks = np.flatnonzero(step > max(10.0 * usual, 3.0 * quantum)) + 1
-    out = t.copy()
-    for first, last in zip([0, *breaks], [*breaks, t.size], strict=True):
-        for a in range(first, last, _LINE_ROWS):
-            b = last if last - a < 2 * _LINE_ROWS else a + _LINE_ROWS
-            if b - a >= 3:
-                out[a:b] = _line(t[a:b])
-            if b == last:
-                break
-    return out if (np.diff(out) > 0).all() else _strictly(out, usual)
-
-
-_LINE_ROWS = 2000
-"""Rows of one straight line: 10 s at 200 Hz, in which no logger's rate drifts by a sample."""
-
-
-def _line(t: Array) -> Array:
-    i = np.arange(t.size, dtype=np.float64)
-    slope, offset = np.polyfit(i, t, 1)
-    return np.asarray(offset + slope * i)
-
-
-def _strictly(t: Array, usual: float) -> Array:
-    """Return times that grow by at least a tenth of the usual step: where two lines meet they may overlap a little."""
-    least = 0.1 * usual * np.arange(t.size)
-    return np.asarray(np.maximum.accumulate(t - least) + least)
 
 
 def start_of(times: Times) -> int | None:

@@ -510,3 +510,24 @@ def test_commands_show_official_places_with_one_option(on_a_line, tmp_path):
     assert "km" in run("map", "show", "line.gpkg", "--km")
     changes = json.loads(run("map", "changes", "out1", "line.gpkg", "--km", "--json"))
     assert all("km" in row for row in changes["changes"])
+
+
+def test_official_places_are_shown_where_they_are_known(on_a_line, result, tmp_path):
+    on_a_line.write(tmp_path / "out1")
+    result.write(tmp_path / "out2")
+    limits = tmp_path / "limits.toml"
+    limits.write_text(
+        '[[limits]]\nparameter = "twist"\nkind = "peak"\nbase_m = 5.0\nlevel = "A"\nstandard = "S"\nvalue_mm = 1.0\n'
+    )
+
+    def listed(name, *options):
+        command = [sys.executable, "-m", "trackfg", "limits", name, "--limits", limits, "--json", *options]
+        done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+        return done.returncode, json.loads(done.stdout)["exceedances"] if done.stdout else []
+
+    for name, options, status, known in (
+        ("out1", (), 0, True), ("out1", ("--no-km",), 0, False), ("out2", (), 0, False), ("out2", ("--km",), 2, False),
+    ):  # fmt: skip
+        found, rows = listed(name, *options)
+        assert found == status
+        assert ("km" in rows[0] if rows else False) == known, (name, options)

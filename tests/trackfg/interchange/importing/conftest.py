@@ -11,7 +11,8 @@ import pytest
 
 from trackfg.interchange.importing.conversion import Imported, write_imported
 from trackfg.interchange.importing.mapping import mapping_of
-from trackfg.interchange.importing.proposal import Question, propose
+from trackfg.interchange.importing.proposal import propose
+from trackfg.interchange.importing.proposals.questions import Question
 from trackfg.interchange.importing.registry import source_format
 
 sys.path.insert(0, str(Path(__file__).parents[4] / "tools"))

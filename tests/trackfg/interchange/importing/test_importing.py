@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +14,8 @@ import tomli_w
 
 from trackfg.datasets.scenarios import simulate
 from trackfg.errors import BadInputError
-from trackfg.interchange.importing.column_meaning import meaning, time_columns
+from trackfg.interchange.importing.columns.column_names import meaning
+from trackfg.interchange.importing.columns.time_columns import time_columns
 from trackfg.interchange.importing.conversion import write_imported
 from trackfg.interchange.importing.mapping import mapping_of, read_mapping
 from trackfg.interchange.importing.proposal import propose
@@ -56,7 +58,7 @@ def test_a_vendor_s_log_needs_one_command_and_no_script(tmp_path):
     source, original = vendor_log(tmp_path)
     out = tmp_path / "run"
 
-    done = _trackfg("init", source, "-o", out, answers="90\n0.92\n\n\n")
+    done = _trackfg("init", source, "-o", out, answers="90\n0.92\nnowhere\nUTC\n\n\n")
 
     assert done.returncode == 0, done.stderr
     recording = read_recording(out)
@@ -71,6 +73,35 @@ def test_a_vendor_s_log_needs_one_command_and_no_script(tmp_path):
     assert "assumed" not in again.stderr
     assert (tmp_path / "again" / "imu.parquet").read_bytes() == (out / "imu.parquet").read_bytes()
     assert (tmp_path / "again" / "recording.toml").read_text() == (out / "recording.toml").read_text()
+
+
+def test_init_says_what_it_recognised_and_takes_the_place_where_the_run_begins(tmp_path):
+    recording = simulate("trolley", seed=1, duration_s=80.0).recording
+    imu = recording.imu.iloc[::4]
+    table = pd.DataFrame({"Time (s)": imu["t_s"].round(3)})
+    for i, axis in enumerate("XYZ"):
+        table[f"Gyro {axis} (deg/s)"] = np.degrees(imu.iloc[:, 1 + i]).round(4)
+        table[f"Acc {axis} (m/s2)"] = imu.iloc[:, 4 + i].round(4)
+    table["Distance (m)"] = np.interp(imu["t_s"], recording.tach["t_s"], recording.tach["distance_m"]).round(3)
+    source = tmp_path / "trolley.csv"
+    table.to_csv(source, index=False)
+
+    done = _trackfg("init", source, "-o", tmp_path / "run", answers="maybe\ny\n\nnowhere\n12+300\nn\n")
+
+    assert done.returncode == 0, done.stderr
+    said = " ".join(done.stdout.split())
+    assert "expected yes or no" in said  # a choice may be begun, not guessed
+    assert "not understood" in said
+    assert "Recognised in trolley.csv" in said
+    toml = tomllib.loads((tmp_path / "run" / "recording.toml").read_text())
+    assert toml["imu"]["rigid"] is True
+    assert toml["kilometrage"] == {"direction": "descending", "equation": [{"chainage_m": 0.0, "km": "12+300"}]}
+    unanswered = _trackfg("init", source, "-o", tmp_path / "other", answers="yes\n1.067\n")
+    assert unanswered.returncode == 0, unanswered.stderr  # where it begins need not be known
+    assert "kilometrage" not in tomllib.loads((tmp_path / "other" / "recording.toml").read_text())
+    ended = _trackfg("init", source, "-o", tmp_path / "third", answers="yes\n")
+    assert ended.returncode == 2
+    assert "track.gauge_m: no answer to: Track gauge, m. Hint: take the defaults by --yes" in ended.stderr
 
 
 def test_a_recording_is_never_overwritten_and_nothing_is_left_of_a_failed_import(tmp_path):

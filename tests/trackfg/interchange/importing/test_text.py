@@ -13,13 +13,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from trackfg.errors import BadInputError
-from trackfg.interchange.importing.column_meaning import axis_of, has_gravity, meaning, triples
+from trackfg.interchange.importing.columns.column_meaning import has_gravity, triples
+from trackfg.interchange.importing.columns.column_names import axis_of, meaning
 from trackfg.interchange.importing.conversion import Imported
+from trackfg.interchange.importing.sample_stamps import spread_stamps
 from trackfg.interchange.importing.source_table import SourceTable
 from trackfg.interchange.importing.stations import read_stations
 from trackfg.interchange.importing.text_dialect import DialectOptions, dialect_of
 from trackfg.interchange.importing.text_table import read_text
-from trackfg.interchange.importing.times import TimeNotation, read_times, spread_stamps, unwrapped
+from trackfg.interchange.importing.times import TimeNotation, read_times, unwrapped
 
 sys.path.insert(0, str(Path(__file__).parents[4] / "tools"))
 

@@ -9,7 +9,7 @@ import tomli_w
 from trackfg.errors import BadInputError
 from trackfg.interchange.importing.channels.measured_geometry import measured_result
 from trackfg.interchange.importing.channels.proposed_reading import proposed_reading
-from trackfg.interchange.importing.column_meaning import triples
+from trackfg.interchange.importing.columns.column_meaning import triples
 from trackfg.interchange.importing.conversion import table_named
 from trackfg.interchange.importing.geometry_reading import GeometryReading
 from trackfg.interchange.importing.mapping import FORMAT, Mapping

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from collections.abc import Sequence
 from datetime import UTC, datetime, time, timedelta
 from pathlib import Path
@@ -13,6 +14,7 @@ import pandas as pd
 from trackfg.errors import BadInputError
 from trackfg.files.libraries import library
 from trackfg.interchange.importing.proposal import UNKNOWN_HEIGHT_SD_M
+from trackfg.interchange.importing.shapes.tagged_lines import has_other_lines
 from trackfg.interchange.importing.source_format import DialectFor, SourceFormat, starts_with
 from trackfg.interchange.importing.source_table import SourceTable
 from trackfg.interchange.importing.times import as_ns
@@ -20,6 +22,10 @@ from trackfg.interchange.importing.times import as_ns
 _UERE_M = 3.0
 """Error of one range, m: with the dilution of precision it gives a sigma where the receiver states none (GPS SPS
 Performance Standard 2020, single frequency)."""
+
+_WITHOUT_MESSAGE_BYTES = 1_048_576
+"""Most bytes of a log between two messages: minutes of corrections (RTCM), which are passed over. Searching so much
+takes a second."""
 
 _COLUMNS = ("latitude", "longitude", "height", "sd_east_m", "sd_north_m", "sd_up_m")
 
@@ -31,8 +37,8 @@ class GnssLog(SourceFormat):
     title = "GNSS receiver: UBX (NAV-PVT) or NMEA (RMC, or GGA with GST, ZDA or RMC)"
 
     def recognises(self, path: Path) -> bool:
-        """Return whether the file begins with a UBX or NMEA message."""
-        return starts_with(path, b"\xb5b", b"$GP", b"$GN", b"$GL", b"$GA")
+        """Return whether the file begins with a UBX or NMEA message, and has no other lines."""
+        return starts_with(path, b"\xb5b", b"$GP", b"$GN", b"$GL", b"$GA") and not has_other_lines(path)
 
     def tables(self, path: Path, dialect_for: DialectFor) -> Sequence[SourceTable]:
         """Read the positions, with a date from the log."""
@@ -52,9 +58,10 @@ def read_gnss_log(path: Path) -> SourceTable:
     ubx: list[tuple[int, tuple[float, ...]]] = []
     nmea = _Nmea()
     try:
-        with path.open("rb") as stream:
+        with _Messages(path) as stream:
             reader = pyubx2.UBXReader(stream, protfilter=pyubx2.UBX_PROTOCOL | pyubx2.NMEA_PROTOCOL, quitonerror=0)
             for _, message in reader:
+                stream.found()
                 identity = getattr(message, "identity", "")
                 if identity == "NAV-PVT" and message.fixType in (2, 3, 4) and message.gnssFixOk:
                     ubx.append(_pvt(message))
@@ -70,6 +77,32 @@ def read_gnss_log(path: Path) -> SourceTable:
     frame = pd.DataFrame(np.array([values for _, values in rows]), columns=list(_COLUMNS))
     frame.insert(0, "time_ns", np.array([ns for ns, _ in rows], dtype=np.int64))
     return SourceTable("gnss", _without_repetitions(frame))
+
+
+class _Messages(io.BufferedReader):
+    """The bytes of a log, as long as messages are found in them."""
+
+    def __init__(self, path: Path) -> None:
+        super().__init__(io.FileIO(path))
+        self._since = 0
+
+    def found(self) -> None:
+        """Note that what was read until now has ended in a message."""
+        self._since = 0
+
+    def read(self, size: int | None = -1, /) -> bytes:
+        """Read. Raises ``ValueError`` where no message is found any more."""
+        return self._counted(super().read(size))
+
+    def readline(self, size: int | None = -1, /) -> bytes:
+        """Read a line, or as much of it as may be read without a message."""
+        return self._counted(super().readline(_WITHOUT_MESSAGE_BYTES if size is None or size < 0 else size))
+
+    def _counted(self, content: bytes) -> bytes:
+        self._since += len(content)
+        if self._since > _WITHOUT_MESSAGE_BYTES:
+            raise ValueError(f"no message within {_WITHOUT_MESSAGE_BYTES / 2**20:g} MiB before byte {self.tell()}")
+        return content
 
 
 def _without_repetitions(frame: pd.DataFrame) -> pd.DataFrame:

@@ -17,6 +17,7 @@ import pandas as pd
 
 from trackfg.errors import BadInputError, first_line
 from trackfg.files.libraries import library
+from trackfg.interchange.importing.shapes.array_tables import tables_of_arrays
 from trackfg.interchange.importing.source_format import DialectFor, SourceFormat, refuse_empty, starts_with
 from trackfg.interchange.importing.source_table import SourceTable
 
@@ -39,7 +40,10 @@ class RcmDx(SourceFormat):
 
 
 class TableHdf5(SourceFormat):
-    """Each dataset with named columns is a table; OnboardEU files have ``journey_NN/IMU`` and ``journey_NN/GNSS``."""
+    """Each dataset with named columns is a table; OnboardEU files have ``journey_NN/IMU`` and ``journey_NN/GNSS``.
+
+    In a file without any the arrays of each group are.
+    """
 
     key = "hdf5"
     title = "HDF5 with tables of named columns, such as OnboardEU's journeys"
@@ -50,7 +54,8 @@ class TableHdf5(SourceFormat):
 
     def tables(self, path: Path, dialect_for: DialectFor) -> Sequence[SourceTable]:
         """Read the datasets; of several journeys the first, since a recording is one run."""
-        tables = refuse_empty(_read(path, _compound_tables), path, "dataset with named columns")
+        tables = _read(path, _compound_tables) or tables_of_arrays(arrays_in(path), path.name)
+        refuse_empty(tables, path, "dataset with named columns, and no arrays of numbers")
         journeys = sorted({table.name.partition("/")[0] for table in tables if table.name.startswith("journey_")})
         return [table for table in tables if not journeys or table.name.partition("/")[0] == journeys[0]]
 
@@ -162,6 +167,23 @@ def _compound_tables(h5py: Any, file: Any) -> Iterator[SourceTable]:
             columns = {name: values[name] for name in dataset.dtype.names if values[name].dtype.kind in "iufb"}
             if columns:
                 yield SourceTable(dataset.name.lstrip("/"), pd.DataFrame(columns))
+
+
+def arrays_in(path: Path) -> dict[str, np.ndarray]:
+    """Return the arrays of numbers in an HDF5 file by their paths. Raises :class:`BadInputError`."""
+    h5py = library("h5py", "hdf5")
+    found: dict[str, np.ndarray] = {}
+
+    def take(name: str, item: Any) -> None:
+        if isinstance(item, h5py.Dataset) and item.dtype.kind in "iuf" and not name.startswith("#"):
+            found[name] = item[()]
+
+    try:
+        with h5py.File(path, "r") as file:
+            file.visititems(take)
+    except (OSError, KeyError, ValueError, TypeError, RuntimeError) as error:
+        raise BadInputError(f"{path.name}: cannot be read ({first_line(error)}); expected HDF5") from error
+    return found
 
 
 def _text(value: Any) -> str:

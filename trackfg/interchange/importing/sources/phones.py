@@ -16,11 +16,11 @@ import pandas as pd
 
 from trackfg.errors import BadInputError
 from trackfg.files.temporary_folder import temporary_folder
-from trackfg.interchange.importing.column_meaning import axis_of
+from trackfg.interchange.importing.columns.column_names import axis_of
 from trackfg.interchange.importing.source_format import DialectFor, SourceFormat
 from trackfg.interchange.importing.source_table import SourceTable
+from trackfg.interchange.importing.sources.archives import names_in, unpacked
 from trackfg.interchange.importing.sources.sensor_json import is_sensor_json, read_sensor_json
-from trackfg.interchange.importing.sources.text import names_in, unpacked
 from trackfg.interchange.importing.text_table import read_text
 
 SIGMA_OF_RADIUS = 1.0 / 1.515
@@ -173,6 +173,10 @@ def _on_calendar(table: SourceTable, parts: tuple[np.ndarray, np.ndarray] | None
 _PHYPHOX_FILES = ("Gyroscope.csv", "Accelerometer.csv", "Location.csv")
 
 
+def _unpacked(path: Path, folder: Path) -> list[Path]:
+    return [file for _, file in unpacked(path, folder, lambda name: name.casefold().endswith(".csv"))]
+
+
 def _names(path: Path) -> set[str]:
     if path.is_dir():
         return {file.name for file in path.rglob("*.csv")}
@@ -182,7 +186,7 @@ def _names(path: Path) -> set[str]:
 def _read(path: Path, wanted: Sequence[str], dialect_for: DialectFor) -> dict[str, SourceTable]:
     """Read the CSV files of these names that are there and have rows."""
     with temporary_folder() as folder:
-        files = sorted(path.rglob("*.csv")) if path.is_dir() else unpacked(path, folder)
+        files = sorted(path.rglob("*.csv")) if path.is_dir() else _unpacked(path, folder)
         return {file.stem: read_text(file, dialect_for(file.name)) for file in files if file.stem in wanted}
 
 

@@ -10,7 +10,7 @@ from typing import Any
 
 import pandas as pd
 
-from trackfg.errors import BadInputError, first_line
+from trackfg.errors import BadInputError, TrackfgError, first_line
 from trackfg.files.libraries import library
 from trackfg.interchange.importing.source_table import SourceTable
 from trackfg.interchange.importing.text_dialect import first_data_row, header_of
@@ -28,7 +28,7 @@ def read_spreadsheet(path: Path) -> list[SourceTable]:
     rows_of = _rows_of_xls if path.suffix.casefold() == ".xls" else _rows_of_xlsx
     try:
         sheets = rows_of(path)
-    except BadInputError:
+    except TrackfgError:
         raise
     except Exception as error:  # the libraries let through what their parsers raise of damaged files
         raise BadInputError(

@@ -9,7 +9,7 @@ from itertools import pairwise
 import pandas as pd
 
 from trackfg.errors import BadInputError
-from trackfg.interchange.importing.column_meaning import time_columns, time_unit
+from trackfg.interchange.importing.columns.time_columns import time_columns, time_unit
 from trackfg.interchange.importing.source_table import SourceTable
 from trackfg.interchange.importing.times import TimeNotation, Times, read_times
 
@@ -54,4 +54,5 @@ def _times(table: SourceTable) -> Times:
     columns = time_columns(table)
     if columns is None:
         raise BadInputError(f"{table.name}: no column of times found; expected one")
-    return read_times(table, columns, TimeNotation(time_unit(table, columns)))
+    unit = time_unit(table, columns)
+    return read_times(table, columns, TimeNotation(unit.get("time_unit"), tick_s=unit.get("tick_s")))

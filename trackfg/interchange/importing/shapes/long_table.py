@@ -13,10 +13,10 @@ import pandas as pd
 from trackfg.interchange.importing.source_table import SourceTable
 
 _SIGNAL = re.compile(
-    r"^(signal|channel|variable|parameter|quantity|kanal|gr(ö|oe)(ß|ss)e)([\s_.]?name)?$", re.IGNORECASE
+    r"^_?(signal|channel|variable|parameter|quantity|field|metric|kanal|gr(ö|oe)(ß|ss)e)([\s_.]?name)?$", re.IGNORECASE
 )
 _VALUE = re.compile(
-    r"^((physical|phys|decoded|signal|channel)[\s_.]?)?(value|wert)([\s_.]?\(?phys\w*\)?)?$", re.IGNORECASE
+    r"^_?((physical|phys|decoded|signal|channel)[\s_.]?)?(value|wert)([\s_.]?\(?phys\w*\)?)?$", re.IGNORECASE
 )
 _UNIT = re.compile(r"^units?$|^einheit$", re.IGNORECASE)
 _MOST_SIGNALS = 10_000

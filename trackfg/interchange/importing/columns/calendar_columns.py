@@ -1,6 +1,7 @@
 """A date that a table has in parts becomes one column.
 
-The parts are year, month, day, hour, minute and second, a column each, or the week of GPS and the time in it.
+The parts are year, month, day, hour, minute and second, a column each, the week of GPS and the time in it, or a date
+and a time of day in digits, as receivers write them (``010526``, ``031200.005``).
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ import numpy as np
 import pandas as pd
 
 from trackfg.interchange.importing.source_table import SourceTable
-from trackfg.interchange.importing.times import gps_ns
+from trackfg.interchange.importing.times import are_clock_digits, clock_ns, gps_ns
 
 COMPOSED = "date_and_time_ns"
 """The column that is added: ns since 1970."""
@@ -36,6 +37,8 @@ def with_whole_dates(table: SourceTable) -> SourceTable:
     ns = _of_the_week(table)
     if ns is None:
         ns = _of_the_calendar(table)
+    if ns is None:
+        ns = _of_digits(table)
     if ns is None:
         return table
     return replace(table, frame=table.frame.assign(**{COMPOSED: ns}), units={**table.units, COMPOSED: "ns"})
@@ -76,6 +79,45 @@ def _of_the_calendar(table: SourceTable) -> np.ndarray | None:
             ns = ns + table.frame[name].to_numpy(dtype=np.int64) * factor
             break
     return np.asarray(ns)
+
+
+_DATE = re.compile(r"date|datum|\bday$|ddmmyy|yymmdd", re.IGNORECASE)
+_CLOCK = re.compile(r"time|utc|zeit|clock|hhmmss", re.IGNORECASE)
+_ORDERS = ("%d%m%y", "%y%m%d", "%Y%m%d", "%d%m%Y")
+"""Orders of a date in digits: NMEA's first. That of America is not taken for one."""
+_OLDEST_YEAR = 2005
+"""Year before which nothing was logged that is imported."""
+
+
+def _of_digits(table: SourceTable) -> np.ndarray | None:
+    """Return the times (n,), ns since 1970, of dates and times of day in digits; None without them.
+
+    None as well where the digits can be two dates (``110512``).
+    """
+    date, clock = _matching(table, _DATE), _matching(table, _CLOCK)
+    names = [name for name in (date, clock) if name is not None and date != clock]
+    if len(names) < 2 or not all(
+        pd.api.types.is_numeric_dtype(table.frame[name]) and table.frame[name].notna().all() for name in names
+    ):
+        return None
+    days, seconds = (table.numbers(name) for name in names)
+    if not are_clock_digits(seconds, names[1]) or not (days == np.floor(days)).all() or not (days > 0).all():
+        return None
+    written = pd.Series(days.astype(np.int64)).drop_duplicates()
+    if len(written) > 2:
+        return None
+    width = 6 if written.max() < 1_000_000 else 8
+    text = written.astype(str).str.zfill(width)
+    found = []
+    for order in _ORDERS:
+        if len(pd.Timestamp(2026, 1, 1).strftime(order)) == width:
+            dates = pd.to_datetime(text, format=order, errors="coerce")
+            if dates.notna().all() and dates.between(pd.Timestamp(_OLDEST_YEAR, 1, 1), pd.Timestamp.now()).all():
+                found.append(dict(zip(written, dates.astype("datetime64[ns]").astype(np.int64), strict=True)))
+    if len(found) != 1:
+        return None
+    ns = np.array([found[0][day] for day in days.astype(np.int64)], dtype=np.int64)
+    return np.asarray(ns + clock_ns(seconds))
 
 
 def _column(table: SourceTable, part: str) -> str | None:

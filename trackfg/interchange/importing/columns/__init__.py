@@ -1,0 +1,1 @@
+"""What the columns of a foreign table mean, by names, units and values."""

@@ -1,0 +1,194 @@
+"""What the columns of a foreign table probably mean, from their names, their units and their values."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+import pandas as pd
+
+from trackfg.errors import BadInputError
+from trackfg.interchange.importing.columns.column_names import axis_and_rest, axis_of, is_other, meaning, parts_of
+from trackfg.interchange.importing.columns.written_units import Quantity, factor_of, usual_name
+from trackfg.interchange.importing.source_table import SourceTable
+from trackfg.numerics.km_notation import is_metres, metres_of
+from trackfg.numerics.units import STANDARD_GRAVITY
+
+InertialKind = Literal["gyro", "accel", "free_accel"]
+
+QUANTITY_OF: dict[str, Quantity] = {"gyro": "angular rate", "accel": "acceleration", "free_accel": "acceleration"}
+"""What a sensor measures, and below what its increments per sample are."""
+INCREMENT_OF: dict[str, Quantity] = {"gyro": "angle", "accel": "speed", "free_accel": "speed"}
+
+_INCREMENT = re.compile(r"^d_?(theta|vel|v(?![a-z]))|delta|incr", re.IGNORECASE)
+"""What the name of an increment per sample begins with or contains."""
+_BARE = re.compile(r"(axis|achse)?[\s_]*[xyz][\s_]*(axis|achse|value|wert)?", re.IGNORECASE)
+"""Names of columns that say their axis alone."""
+_WHEEL = re.compile(r"wheel|axle|\brad\b|achse")
+"""What stands beside the unit of a speed in the name of a wheel's."""
+_SAYS_NOTHING = re.compile(r"data|values?|log|samples|raw|output|export|sheet\d*|tabelle\d*", re.IGNORECASE)
+"""Names of files that say nothing of what is in them."""
+_GRAVITY_BAND = (0.8, 1.2)
+"""Median specific force of a vehicle on a track, g, with scale and bias of the worst sensors."""
+_FASTEST_TURN_DEG = 0.5
+"""A rail vehicle turns by at most some 10 deg/s: rates above so much are no rad/s."""
+_SAMPLE = 10_000
+"""Cells of a column that tell whether it holds whole numbers."""
+
+
+@dataclass(frozen=True)
+class Triple:
+    """Three columns x, y, z of a table and their unit.
+
+    ``known``: the source states the unit; else it is guessed from the values. An empty unit: neither shows it.
+    """
+
+    table: SourceTable
+    columns: tuple[str, str, str]
+    unit: str
+    known: bool
+
+    def values(self) -> np.ndarray:
+        """Return the values (3, n) of rows that have all three."""
+        values = np.stack([self.table.numbers(name) for name in self.columns])
+        return np.asarray(values[:, np.isfinite(values).all(axis=0)])
+
+
+def full_name(table: SourceTable, name: str) -> str:
+    """Return the name of a column, after that of its table where it says no more than an axis: ``gyro x``."""
+    return f"{stem_of(table.name)} {name}" if _BARE.fullmatch(name.strip()) else name
+
+
+def stem_of(name: str) -> str:
+    """Return what the name of a table says of its content: that of its file, or of the folder of a ``data.csv``."""
+    parts = [re.sub(r"\.[A-Za-z0-9]{1,8}$", "", part) for part in name.split("/")]
+    said = [part for part in parts if not _SAYS_NOTHING.fullmatch(part)]
+    return said[-1] if said else parts[-1]
+
+
+def kind_in(table: SourceTable, name: str) -> str | None:
+    """Return the kind of quantity of a table's column: by an inertial unit, its name, or cells that are places."""
+    name, column = full_name(table, name), name
+    kind, unit = meaning(name), _stated_unit(table, column)
+    axis, _ = axis_and_rest(name, unit)
+    if axis and kind != "free_accel" and not is_other(name) and (by_unit := _kind_by_unit(unit)):
+        return by_unit
+    if kind is None and unit and _WHEEL.search(name.casefold()) and factor_of(unit, "speed") is not None:
+        return "speed"
+    return "station" if kind is None and _holds_places(table.frame[column]) else kind
+
+
+def _stated_unit(table: SourceTable, name: str) -> str:
+    return table.units.get(name) or parts_of(name).unit
+
+
+def _kind_by_unit(unit: str) -> str | None:
+    return next((kind for kind in ("gyro", "accel") if unit and factor_of(unit, QUANTITY_OF[kind]) is not None), None)
+
+
+def _holds_places(column: pd.Series) -> bool:
+    """Return whether all cells are places written as such, ``12+345`` or ``12.345 km``, not bare numbers."""
+    if not pd.api.types.is_string_dtype(column):
+        return False
+    cells = column.dropna()
+    return len(cells) > 0 and all(metres_of(cell) is not None and not is_metres(cell) for cell in cells)
+
+
+def triples(table: SourceTable, kind: InertialKind) -> list[Triple]:
+    """Return the triples of columns of one kind, by name or else by unit, with equal names but for the axis."""
+    found: dict[str, dict[str, str]] = {}
+    for name in table.columns:
+        axis, rest = axis_and_rest(full_name(table, name), _stated_unit(table, name))
+        if axis and kind == kind_in(table, name) and pd.api.types.is_numeric_dtype(table.frame[name]):
+            found.setdefault(rest, {})[axis] = name
+    out = []
+    for axes in found.values():
+        if len(axes) == 3:
+            columns = (axes["x"], axes["y"], axes["z"])
+            out.append(Triple(table, columns, *_unit(table, columns, kind)))
+    return out
+
+
+def has_gravity(triple: Triple) -> bool:
+    """Return whether an acceleration holds gravity, whatever its name says: ROS has it in ``linear_acceleration``."""
+    factor = factor_of(triple.unit, "acceleration")
+    return factor is not None and bool(
+        _GRAVITY_BAND[0] < _median_size(triple.values()) * factor / STANDARD_GRAVITY < _GRAVITY_BAND[1]
+    )
+
+
+def _median_size(values: np.ndarray) -> float:
+    """Return the median length of vectors (3, n); 0 without any."""
+    with np.errstate(over="ignore"):  # damaged values may be of any size
+        return float(np.median(np.linalg.norm(values, axis=0))) if values.size else 0.0
+
+
+def _unit(table: SourceTable, columns: tuple[str, str, str], kind: InertialKind) -> tuple[str, bool]:
+    """Return the unit of three columns, and whether the source states it; empty where nothing shows it."""
+    stated = _stated_unit(table, columns[0])
+    units = [_stated_unit(table, name) for name in columns]
+    if len({factor_of(unit, QUANTITY_OF[kind]) for unit in units}) > 1:
+        raise BadInputError(
+            f"{table.name}: columns {', '.join(columns)} are in {', '.join(unit or 'no unit' for unit in units)}; "
+            "expected one unit for all three"
+        )
+    if (unit := usual_name(stated, QUANTITY_OF[kind])) is not None:
+        return unit, True
+    per_sample = factor_of(stated, INCREMENT_OF[kind]) is not None
+    if per_sample and _INCREMENT.search(columns[0]):
+        return stated, True
+    values = Triple(table, columns, "", known=False).values()
+    if values.size == 0:
+        raise BadInputError(f"{table.name}: columns {', '.join(columns)} are empty; expected values")
+    if kind != "gyro":
+        return _unit_by_gravity(table, values)
+    if per_sample:
+        return f"{stated}/s", False  # degrees or radians that a table calls so for short
+    if _are_counts(values):
+        return _stated_scale(table, "angular rate") or "", False
+    fast = float(np.quantile(np.abs(values), 0.99)) > _FASTEST_TURN_DEG
+    return ("deg/s" if fast else "rad/s"), False
+
+
+def _unit_by_gravity(table: SourceTable, values: np.ndarray) -> tuple[str, bool]:
+    """Return the unit in which the specific force is that of gravity: a usual one, or what one count is worth."""
+    size = _median_size(values)
+    if not 0.0 < size < np.inf:
+        return "", False
+    candidates = ("m/s^2", "g", "mg", *(unit for unit in _scales(table) if factor_of(unit, "acceleration")))
+    ratios = {unit: size * (factor_of(unit, "acceleration") or 0.0) / STANDARD_GRAVITY for unit in candidates}
+    nearest = min(candidates, key=lambda unit: abs(np.log(ratios[unit])))
+    if _GRAVITY_BAND[0] < ratios[nearest] < _GRAVITY_BAND[1]:
+        return nearest, True
+    return (f"{1000.0 / size:.6g} mg", False) if _are_counts(values) else ("", False)
+
+
+def _are_counts(values: np.ndarray) -> bool:
+    """Return whether values are what a converter gives, whole numbers of which some are large."""
+    some = values[:, :: max(1, values.shape[1] // _SAMPLE)]
+    return bool((some == np.floor(some)).all() and np.abs(some).max(initial=0.0) >= 2.0)
+
+
+def _stated_scale(table: SourceTable, quantity: Quantity) -> str | None:
+    return next((scale for scale in _scales(table) if factor_of(scale, quantity) is not None), None)
+
+
+def _scales(table: SourceTable) -> list[str]:
+    """Return what remarks above the table say of one count: ``8.75 mdps/LSB``."""
+    return re.findall(
+        r"\d+(?:\.\d*)?(?:[eE][+-]?\d+)?\s?[^\s\d]\S*?\s?(?:/|per)\s?(?:LSB|count|digit|bit)s?\b", table.remarks
+    )
+
+
+def first_of(table: SourceTable, kind: str) -> str | None:
+    """Return the first column whose name means ``kind``; None where there is none."""
+    return next((name for name in table.columns if kind_in(table, name) == kind), None)
+
+
+def has_axes_beside(table: SourceTable, name: str) -> bool:
+    """Return whether a column is one of a vector: others have the same name but for the axis."""
+    axis, rest = axis_and_rest(name)
+    same = [other for other in table.columns if axis is not None and axis_and_rest(other)[1] == rest]
+    return len({axis_of(other) for other in same}) > 1

@@ -1,0 +1,134 @@
+"""What the names of columns say: the quantity, the axis and the unit, in whatever order and spelling."""
+
+from __future__ import annotations
+
+import re
+from typing import NamedTuple
+
+from trackfg.interchange.importing.columns.written_units import QUANTITIES, factor_of
+
+_AXIS = re.compile(
+    r"(?:^|[\s_.\-/])([xyzXYZ])(?:$|[\s_.\-/\[(])|([xyz])(?=$|_|\d|\s)|(?<=[a-z])([XYZ])(?![a-z])|"
+    r"(?<=^[AGWF])([XYZ])$|(?<=[\u3040-\u9fff])([XYZ])$"
+)
+_NAMED_AXIS = {
+    "x": re.compile(r"roll|wank|longitudinal|\blong(?=acc|\W)|l(ä|ae)ngs"),
+    "y": re.compile(r"pitch|nick|lateral|\blat(?=acc|\W)|quer"),
+    "z": re.compile(r"yaw|gier|vertical|vertikal|\bvert(?=acc|\W)|hoch"),
+}
+"""Axes of a vehicle in words, English and German: of rotation rates, and of forces along the same axes."""
+_BODY_RATES = {"p": "x", "q": "y", "r": "z"}
+"""Letters of aircraft for the rates about x, y, z; without the unit of a rate they are no rates."""
+
+_OTHER = re.compile(
+    r"\bmag|magn(?!itude)|\bmx\b|temp(?!o|s\b)|press|baro|quat|euler|humid|volt|batt|\bbias|\bstd\b|\bvar\b|\brms\b|cov|"
+    r"\b(min|max|mean|avg)\b"
+)
+"""Quantities beside a gyro and an accelerometer that have axes too, and statistics of theirs."""
+_PATTERNS = {
+    "free_accel": r"linear.?acc|user.?acc|without.?g|ohne.?g|free.?acc|lin.?acc|gravity.?free|线性加速度",
+    "gyro": (
+        r"gyr|\bgiro|omega|ang(ular)?[\s_]*(vel|rate|speed)|vitesse.(ang|de.rot)|veloc\w*.ang|drehrate|rot(ation)?.?rate|"
+        r"turn.?rate|^rate\b|\brates?$|(roll|pitch|yaw).?(rate|vel)|(wank|nick|gier).?(rate|geschw)|dtheta|"
+        r"delta.?(theta|ang)|角速度|陀螺"
+    ),
+    "accel": r"acc(?!ur)|beschl|acel|specific.?force|dvel|delta.?v|加速度|^load.?factor",
+    "speed": r"speed|geschw|veloc|vitesse|twist.*linear\.x|^v$|^v[\s_\[(]|kmh|km/h|nopeus|速度|车速|^vel$",
+    "count": (
+        r"pulse|impuls|^(?!.*(packet|sample|frame|sat|error|message|msg|seq)).*count|"
+        r"ticks|in[ck]rement|\benc(oder)?\b|encoder|tacho|zähl"
+    ),
+    "distance": r"odo|dist|^weg|wegstrecke|mileage|走行距離",
+    "balise": r"(balise|rfid|transponder|beacon|tag|epc)[\s_.-]?(id|nr|no|number|nummer|code)?\.?$",
+    "station": (
+        r"chain|kilom|station(?!ary|.?(id|name|code|no|nr))|^km\b|^[pm][kp]$|^kp$|^miles?$|post|position_km|里程"
+    ),
+    "latitude": r"^lat|latitude|breite|緯度|纬度|(?<=gps )lat|(?<=gnss )lat",
+    "longitude": r"^lon(?!g.?acc)|^lng|longitude|länge|laenge|経度|经度|(?<=gps )lon|(?<=gnss )lon",
+    "height": r"^alt|altitude|height|höhe|hoehe|^h$|ellh|(?<=gps )alt|(?<=gnss )alt",
+    "sd_horizontal": r"h(or\w*)?[ _]?acc|horizontal.?accuracy|^accuracy|sd[ _]?[neh]\b",
+    "sd_vertical": r"v(er\w*)?[ _]?acc\b|vertical.?accuracy|altitude.?accuracy|sd[ _]?[uv]\b",
+    "time": (
+        r"^t$|time|zeit|uhr|datum|(?<!up)date|utc|stamp|elapsed|epoch|heure|seconds?$|^ts$|^gpst$|\btow\b|^sow$|^sod$|"
+        r"時刻|時間|时间|tiempo|^temps|hora|^clock$|^millis|^micros"
+    ),
+}
+"""In the order in which they are tried. English, German, some other languages; anything else has to be stated."""
+_INERTIAL = ("gyro", "accel", "free_accel")
+_COMPACT = {"gyro": re.compile(r"\b[gw] ?[xyz]\b"), "accel": re.compile(r"\b[abf] ?[xyz]\b")}
+"""Letters with an axis that stand for a quantity where no word does."""
+
+_SUFFIX = re.compile(r"^(.*[^\s_])[\s_]*[\s_(\[]([^\s_()\[\]]+)[)\]]?$")
+_NO_SUFFIX = ("min", "in", "h")
+"""Units that end a name for another reason: a smallest value, an input, a height."""
+
+
+class ColumnName(NamedTuple):
+    """The parts of a name: its ``words``, in lower case with blanks between, its ``axis`` and its ``unit``."""
+
+    words: str
+    axis: str | None
+    unit: str
+
+
+def parts_of(name: str) -> ColumnName:
+    """Return the parts of a column's name; the unit is empty and the axis None where it has none."""
+    rest, unit = _without_unit(name.strip())
+    axis, _ = _axis_and_rest(rest)
+    return ColumnName(re.sub(r"[\s_.\-/]+", " ", rest.casefold()).strip(), axis, unit)
+
+
+def _without_unit(name: str) -> tuple[str, str]:
+    match = _SUFFIX.match(name)
+    if match is None:
+        return name, ""
+    suffix = match[2]
+    is_unit = suffix.casefold() not in _NO_SUFFIX and any(factor_of(suffix, q) is not None for q in QUANTITIES)
+    return (match[1], suffix) if is_unit else (name, "")
+
+
+def meaning(name: str) -> str | None:
+    """Return the kind of quantity that a column's name means; None where it means none that is known."""
+    parts, folded = parts_of(name), name.casefold().strip()
+    kinds = [kind for kind in _PATTERNS if parts.axis is not None or kind not in _INERTIAL]
+    if parts.axis is not None and _OTHER.search(parts.words):
+        kinds = [kind for kind in kinds if kind not in _INERTIAL]
+    texts = (parts.words, folded)
+    by_word = next((kind for kind in kinds if any(re.search(_PATTERNS[kind], text) for text in texts)), None)
+    if by_word is not None or parts.axis is None or "gyro" not in kinds:
+        return by_word
+    return next((kind for kind, pattern in _COMPACT.items() if pattern.search(parts.words)), None)
+
+
+def is_other(name: str) -> bool:
+    """Return whether a name is that of a quantity with axes that is neither a gyro's nor an accelerometer's."""
+    return _OTHER.search(parts_of(name).words) is not None
+
+
+def axis_of(name: str) -> str | None:
+    """Return the axis that a column's name ends in or has apart, ``"x"``, ``"y"`` or ``"z"``, or names; else None."""
+    return parts_of(name).axis
+
+
+def axis_and_rest(name: str, unit: str = "") -> tuple[str | None, str]:
+    """Return the axis in a name, None where there is none, and the name's other letters in alphabetical order.
+
+    Letters p, q, r are axes where the ``unit`` is that of a rate.
+    """
+    rest, in_name = _without_unit(name.strip())
+    axis, letters = _axis_and_rest(rest)
+    if axis is None and rest.casefold() in _BODY_RATES and factor_of(unit or in_name, "angular rate") is not None:
+        return _BODY_RATES[rest.casefold()], ""
+    return axis, letters
+
+
+def _axis_and_rest(name: str) -> tuple[str | None, str]:
+    folded = name.casefold()
+    found = [next(filter(None, match)) for match in _AXIS.findall(name)]
+    if found:
+        axis = found[-1].casefold()
+        return axis, "".join(sorted(folded.replace(axis, "", 1)))
+    for axis, words in _NAMED_AXIS.items():
+        if words.search(folded):
+            return axis, "".join(sorted(words.sub("", folded, count=1)))
+    return None, folded

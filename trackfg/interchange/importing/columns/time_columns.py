@@ -1,0 +1,168 @@
+"""Which columns of a foreign table are its times, and in which unit they count."""
+
+from __future__ import annotations
+
+import re
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from trackfg.interchange.importing.columns.calendar_columns import COMPOSED
+from trackfg.interchange.importing.columns.column_names import meaning, parts_of
+from trackfg.interchange.importing.columns.written_units import factor_of
+from trackfg.interchange.importing.source_table import ROW_NUMBER, SourceTable
+from trackfg.interchange.importing.times import are_clock_digits, guessed_unit, states_zone
+
+_TIME_UNITS = {1.0: "s", 1e-3: "ms", 1e-6: "us", 1e-9: "ns"}
+_COUNTER = re.compile(r"^(sample|packet|frame|msg|message|seq(uence)?|row|index|idx|nr|no|n|#|record|line|counter|cnt)"
+                      r"[\s_]*(no|nr|num(ber)?|index|idx|id|count(er)?|#)?\.?$", re.IGNORECASE)  # fmt: skip
+"""Names of columns that count samples."""
+_TICKS_S = {"sampletimefine": 1e-4}
+"""Counters whose tick is known, s: Xsens counts 100 us (MT Low-Level Communication Protocol, XDI_SampleTimeFine)."""
+_RATE = re.compile(
+    r"(?:(?:sampl\w*|update|output|data|abtast\w*|mess\w*|log\w*)[\s_-]*(?:rate|freq\w*|frequenz)?|fs|freq\w*)"
+    r"[^\d\n]{0,12}?(\d+(?:[.,]\d+)?)\s*(k?)(?:hz|sps|s/s|samples)",
+    re.IGNORECASE,
+)
+"""The sampling rate in the remarks above a table."""
+
+
+def time_columns(table: SourceTable) -> tuple[str, ...] | None:
+    """Return the column of the time, or those of date and time of day; None where none is found.
+
+    A date that was put together of its parts is preferred, then a column whose name means a time, of several the finest
+    one; else the first that grows steadily and does not count samples.
+    """
+    if COMPOSED in table.columns:
+        return (COMPOSED,)
+    named = [name for name in table.columns if meaning(name) == "time" or name.casefold() in _TICKS_S]
+    text = [name for name in named if pd.api.types.is_string_dtype(table.frame[name])]
+    if len(text) >= 2:
+        first, second = (str(table.frame[name].iloc[0]) for name in text[:2])
+        if ":" not in first and ":" in second:
+            return (text[0], text[1])
+        if ":" in first and ":" not in second:
+            return (text[1], text[0])
+    numeric = [name for name in named if name not in text and _grows(table.numbers(name))]
+    if numeric:
+        return (max(numeric, key=lambda name: _resolution(table.numbers(name))),)
+    if text:
+        return (text[0],)
+    return next(
+        ((name,) for name in table.columns if pd.api.types.is_numeric_dtype(table.frame[name])
+         and not _COUNTER.match(name) and len(table.frame) > 2
+         and _grows(table.numbers(name)) and _steady(table.numbers(name))),
+        None,
+    )  # fmt: skip
+
+
+def is_sample_counter(table: SourceTable, name: str) -> bool:
+    """Return whether a column counts the rows, by its name and its values."""
+    return (
+        bool(_COUNTER.match(name)) and pd.api.types.is_integer_dtype(table.frame[name]) and _counts(table.numbers(name))
+    )
+
+
+def counter_of(table: SourceTable) -> str:
+    """Return the column that counts samples, also one that starts again; else :data:`~.ROW_NUMBER`."""
+    return next((name for name in table.columns if is_sample_counter(table, name)), ROW_NUMBER)
+
+
+def stalled_times(table: SourceTable) -> tuple[str, int] | None:
+    """Return a column that is named as a time and does not grow, as where it is written with too few digits, and how
+    many values it has; None without any.
+    """
+    named = [
+        name for name in table.columns if meaning(name) == "time" and pd.api.types.is_numeric_dtype(table.frame[name])
+    ]
+    return next(((name, _resolution(table.numbers(name))) for name in named), None)
+
+
+def stated_rate_hz(table: SourceTable) -> float | None:
+    """Return the sampling rate that the remarks above a table state, Hz; None where they state none, or several."""
+    rates = {float(m[1].replace(",", ".")) * (1e3 if m[2] else 1.0) for m in _RATE.finditer(table.remarks)} - {0.0}
+    return rates.pop() if len(rates) == 1 else None
+
+
+def _grows(values: np.ndarray) -> bool:
+    step = np.diff(values)
+    return bool(np.isfinite(values).all() and values.size > 1 and (step >= 0).mean() > 0.99 and (step > 0).any())
+
+
+def _counts(values: np.ndarray) -> bool:
+    """Return whether values mostly rise by one."""
+    return values.size > 1 and bool((np.diff(values) == 1.0).mean() > 0.9)
+
+
+def _resolution(values: np.ndarray) -> int:
+    """Return how many different values there are: a Unix time in ms is finer than a counter of seconds."""
+    return int(np.unique(values).size)
+
+
+def _steady(values: np.ndarray) -> bool:
+    step = np.diff(values)
+    return bool((step > 0).all() and np.median(np.abs(step - np.median(step))) < 0.2 * np.median(step))
+
+
+def time_unit(
+    table: SourceTable, columns: tuple[str, ...], beside: tuple[SourceTable, str] | None = None
+) -> dict[str, Any]:
+    """Return ``time_unit`` of a numeric column of times, and ``tick_s`` of ticks; nothing for text.
+
+    It is that of its name, its stated unit, its values or the sampling rate in the remarks. ``beside``: the table of
+    the inertial sensor and its column of times, which events within it are counted like.
+    """
+    name = columns[0]
+    if len(columns) == 2 or pd.api.types.is_string_dtype(table.frame[name]):
+        return {}
+    if (tick := _TICKS_S.get(name.casefold())) is not None:
+        return {"time_unit": "ticks", "tick_s": tick}
+    stated = table.units.get(name) or parts_of(name).unit
+    factor = factor_of(stated, "time")
+    if factor in _TIME_UNITS:
+        return {"time_unit": _TIME_UNITS[factor]}
+    values = table.numbers(name)
+    if factor is not None:
+        return {"time_unit": "ticks", "tick_s": factor}
+    if stated.casefold().replace(".", "").startswith("hhmmss") or are_clock_digits(values, name):
+        return {"time_unit": "hhmmss"}
+    if beside is not None and not pd.api.types.is_string_dtype(beside[0].frame[beside[1]]):
+        t = beside[0].numbers(beside[1])
+        if np.nanmin(t) <= np.nanmin(values) and np.nanmax(values) <= np.nanmax(t):
+            return time_unit(beside[0], (beside[1],))
+    return _by_rate(table, values) or {"time_unit": guessed_unit(values)}
+
+
+def _by_rate(table: SourceTable, values: np.ndarray) -> dict[str, Any] | None:
+    """Return the unit in which times have the sampling rate that the table states; None where none does."""
+    rate = stated_rate_hz(table)
+    step = np.diff(values)
+    typical = float(np.median(step[step > 0])) if (step > 0).any() else 0.0
+    if rate is None or typical == 0.0:
+        return None
+    return next(
+        ({"time_unit": unit} for factor, unit in _TIME_UNITS.items() if 0.9 < typical * factor * rate < 1.1), None
+    )
+
+
+def states_no_zone(table: SourceTable, time: str | list[str], unit: str | None) -> bool:
+    """Return whether the times of a table are dates of a zone that it does not state."""
+    columns = [time] if isinstance(time, str) else time
+    if any(
+        "utc" in name.casefold() or "gmt" in name.casefold()
+        for name in (*columns, *map(table.units.get, columns))
+        if name
+    ):
+        return False
+    if any(name not in table.columns for name in columns):
+        return False
+    if unit == "days":
+        return True
+    column = table.frame[columns[-1]]
+    if not pd.api.types.is_string_dtype(column):
+        return False
+    cells = column.dropna()
+    cell = "" if cells.empty else str(cells.iloc[0]).strip()
+    is_date = len(columns) == 2 or not re.fullmatch(r"[\d:.,]+", cell)
+    return is_date and not states_zone(cell)

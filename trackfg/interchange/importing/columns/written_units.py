@@ -1,0 +1,181 @@
+"""Units of other systems: how they are written, and what becomes of those that a recording does not know.
+
+A unit is read as a whole, ``mdeg/s``, ``m s^-2``, ``ft/s2``, ``rpm``, and may follow a number, which is then what one
+count stands for: ``8.75 mdps/LSB``. A text that is no unit of a quantity is none, however much of it looks like one.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass
+from typing import Literal, get_args
+
+from trackfg.numerics.km_notation import METRES_PER
+from trackfg.numerics.units import KMH, MPH, STANDARD_GRAVITY, known_units, to_si
+
+Quantity = Literal["angular rate", "acceleration", "angle", "speed", "length", "time"]
+QUANTITIES: tuple[Quantity, ...] = get_args(Quantity)
+
+_FOOT_M = 0.3048
+_KNOT_MPS = 1852.0 / 3600.0
+"""International foot and knot (NIST Special Publication 811, appendix B)."""
+
+_PREFIXES = {"n": 1e-9, "u": 1e-6, "m": 1e-3, "c": 1e-2, "k": 1e3}
+"""Prefixes of SI, and the words for them; the sign of micro is written as ``u`` first."""
+_PREFIX = r"(?P<prefix>[numck]|milli|micro|nano|centi|kilo)?"
+_ANGLES = {"rad": 1.0, "radian": 1.0, "deg": math.radians(1.0), "degree": math.radians(1.0), "grad": math.radians(1.0)}
+"""Of these ``grad`` is the German word for a degree."""
+_LENGTHS = {
+    **dict.fromkeys(("m", "meter", "metre"), 1.0),
+    **dict.fromkeys(("ft", "foot", "feet"), _FOOT_M),
+    **dict.fromkeys(("in", "inch", "inche"), _FOOT_M / 12.0),
+    **dict.fromkeys(("yd", "yard"), 3.0 * _FOOT_M),
+    **dict.fromkeys(("mi", "mile"), METRES_PER["mi"]),
+}
+_TIMES = {
+    **dict.fromkeys(("s", "sec", "second", "sek", "sekunde"), 1.0),
+    **dict.fromkeys(("min", "minute"), 60.0),
+    **dict.fromkeys(("h", "hr", "hour"), 3600.0),
+}
+_PER = r"\s?(?:/|per|_per_|_p_|p|_|\*|\.|\s|)\s?"
+"""What stands between a unit and the time by which it is divided."""
+
+_NAMED: dict[Quantity, dict[str, float]] = {
+    "angular rate": {"dps": math.radians(1.0), "rpm": math.tau / 60.0},
+    "acceleration": {
+        **dict.fromkeys(("g", "gn", "g0", "gs", "g's"), STANDARD_GRAVITY),
+        "gal": 1e-2,
+        "mss": 1.0,
+        "ms-2": 1.0,
+    },
+    "angle": {},
+    "speed": {
+        "kph": KMH,
+        "kmh": KMH,
+        "kmph": KMH,
+        "mph": MPH,
+        "fps": _FOOT_M,
+        **dict.fromkeys(("kn", "kt", "knot"), _KNOT_MPS),
+    },
+    "length": {},
+    "time": {"ms": 1e-3, "us": 1e-6, "ns": 1e-9, "msec": 1e-3},
+}
+"""Units with a name of their own."""
+_PREFIXED = ("dps", "g", "gn", "g0", "gal")
+
+
+def _words(units: dict[str, float]) -> str:
+    return "|".join(sorted(map(re.escape, units), key=len, reverse=True))
+
+
+def _over_time(units: dict[str, float], power: int) -> re.Pattern[str]:
+    """Return the pattern of a unit over a time, or over its square."""
+    square = r"(?:\^?2|/s|\s?/\s?s(?:ec)?)" if power == 2 else ""
+    inverse = r"\^?-" + str(power)
+    over = rf"{_PER}(?P<time>{_words(_TIMES)})s?{square}"
+    times = rf"[\s*.·]?(?P<inverse>{_words(_TIMES)})\s?{inverse}"
+    return re.compile(rf"{_PREFIX}\s?(?P<unit>{_words(units)})s?(?:{over}|{times})")
+
+
+_PATTERNS: dict[Quantity, tuple[tuple[re.Pattern[str], dict[str, float], int], ...]] = {
+    "angular rate": ((_over_time(_ANGLES, 1), _ANGLES, 1),),
+    "acceleration": ((_over_time(_LENGTHS, 2), _LENGTHS, 2),),
+    "angle": ((re.compile(rf"{_PREFIX}\s?(?P<unit>{_words(_ANGLES)})s?"), _ANGLES, 0),),
+    "speed": ((_over_time(_LENGTHS, 1), _LENGTHS, 1),),
+    "length": ((re.compile(rf"{_PREFIX}\s?(?P<unit>{_words(_LENGTHS)})s?"), _LENGTHS, 0),),
+    "time": ((re.compile(rf"{_PREFIX}\s?(?P<unit>{_words(_TIMES)})s?"), _TIMES, 0),),
+}
+_NUMBER = re.compile(r"(?P<number>-?\d+(?:\.\d*)?(?:e[+-]?\d+)?)\s?[*x]?\s?(?P<rest>\D.*)")
+_COUNT = re.compile(r"\s?(?:/|per)\s?(?:lsb|counts?|digits?|bits?|ticks?|increments?)$")
+"""What a sample's last bit is called: ``mg/LSB``."""
+
+
+def factor_of(text: str, quantity: Quantity) -> float | None:
+    """Return the factor that turns values in a written unit into SI; None where it is no unit of that quantity."""
+    unit = _folded(text)
+    if match := _NUMBER.fullmatch(unit):
+        factor = _plain_factor(match["rest"], quantity)
+        return None if factor is None else float(match["number"]) * factor
+    return _plain_factor(unit, quantity)
+
+
+def _folded(text: str) -> str:
+    unit = text.strip().strip("[]()").strip().casefold()
+    for sign, plain in (
+        ("µ", "u"),
+        ("μ", "u"),
+        ("°", "deg"),
+        ("²", "2"),
+        ("⁻", "-"),
+        ("¹", "1"),
+        ("**", "^"),
+        ("′", "'"),
+    ):
+        unit = unit.replace(sign, plain)
+    return unit.replace("sec2", "s2")
+
+
+def _plain_factor(unit: str, quantity: Quantity) -> float | None:
+    unit = _COUNT.sub("", unit)
+    named = _NAMED[quantity]
+    if unit in named:
+        return named[unit]
+    if unit[-1:] == "s" and unit[:-1] in named:
+        return named[unit[:-1]]
+    if unit[:1] in _PREFIXES and unit[1:] in named and unit[1:] in _PREFIXED:
+        return _PREFIXES[unit[0]] * named[unit[1:]]
+    for pattern, units, power in _PATTERNS[quantity]:
+        if match := pattern.fullmatch(unit):
+            groups = match.groupdict()
+            time = groups.get("time") or groups.get("inverse")
+            factor = units[match["unit"]] * _prefix(match["prefix"])
+            return factor if time is None else factor / _TIMES[time] ** power
+    return None
+
+
+def _prefix(written: str | None) -> float:
+    return 1.0 if not written else _PREFIXES["u" if written == "micro" else written[0]]
+
+
+@dataclass(frozen=True)
+class RecordedUnit:
+    """The unit that a recording gets, and what the source's values are multiplied by."""
+
+    unit: str
+    factor: float
+
+
+def recorded_unit(
+    text: str, quantity: Literal["angular rate", "acceleration", "speed", "length"]
+) -> RecordedUnit | None:
+    """Return the recorded unit of a written one: the same where a recording knows it, else that of SI.
+
+    None where it is no unit of that quantity.
+    """
+    factor = factor_of(text, quantity)
+    if factor is None:
+        return None
+    known, name = known_units(quantity), usual_name(text, quantity)
+    return RecordedUnit(str(name), 1.0) if name in known else RecordedUnit(known[0], factor)
+
+
+def usual_name(text: str, quantity: Quantity) -> str | None:
+    """Return a written unit, by the name that recordings have for it if they have one; None for no such unit."""
+    factor = factor_of(text, quantity)
+    if factor is None or quantity in ("time", "angle"):
+        return None if factor is None else text
+    known = known_units(quantity)
+    return next((unit for unit in known if math.isclose(to_si(quantity, unit), factor, rel_tol=1e-12)), text)
+
+
+def unit_in(text: str, quantity: Quantity) -> str | None:
+    """Return the unit of that quantity which a name ends in or has apart (``speed_kmh``, ``km/h front``); else None."""
+    if factor_of(text, quantity) is not None:
+        return usual_name(text.strip(), quantity)
+    words = [word for word in re.split(r"[\s_()\[\],;:]+", text) if word]
+    ends = ["".join(words[-2:]), *words[::-1]] if len(words) > 1 else []
+    found = next((word for word in ends if factor_of(word, quantity) is not None), None)
+    if found is None and (match := re.search(r"(?<=[a-z])_?(kmh|kph|mph|mps|dps)$", text.casefold())):
+        found = match[1]
+    return None if found is None else usual_name(found, quantity)

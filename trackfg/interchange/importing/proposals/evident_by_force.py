@@ -1,0 +1,149 @@
+"""Axes, and units that the source does not state, are settled by gravity, curves and the tach's acceleration."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from trackfg.checks.diagnosis import estimates_of
+from trackfg.checks.diagnosis_axes import AXES
+from trackfg.checks.limits import CheckLimits
+from trackfg.files.temporary_folder import temporary_folder
+from trackfg.interchange.importing.columns.written_units import Quantity, factor_of
+from trackfg.interchange.importing.conversion import write_imported
+from trackfg.interchange.importing.mapping import mapping_of
+from trackfg.interchange.importing.proposals.questions import Ask, Proposal, Question, asked, asked_unit
+from trackfg.interchange.importing.source_table import SourceTable
+
+if TYPE_CHECKING:
+    from trackfg.checks.diagnosis import Estimates
+    from trackfg.recording.model import Recording
+
+_CANDIDATES: dict[str, tuple[Quantity, tuple[str, ...]]] = {
+    "tach.unit": ("speed", ("m/s", "km/h", "mph", "mm/s", "cm/s")),
+    "imu.gyro_unit": ("angular rate", ("rad/s", "deg/s", "mrad/s", "mdeg/s")),
+}
+"""Units among which the force decides, where the source states none. It tells no knot from a mile per hour, since
+gradients and a sensor's tilt falsify it by some percent: a wheel's speed is in neither knots nor feet per second."""
+_LENGTHS = ("m", "km", "ft", "mm", "cm", "mi")
+_FITS = 1.25
+"""A unit fits a slope that is off by less than this factor: half a step between the nearest units, km/h and mph, is
+1.27."""
+
+
+def settle_by_force(proposal: Proposal, tables: Sequence[SourceTable], ask: Ask) -> None:
+    """Set the axes that the data show, and ask where they do not show them clearly; likewise units that are assumed."""
+    imu = proposal.sections["imu"]
+    if "axes" in imu and not proposal.assumed and "fixes" not in proposal.sections:
+        return
+    recording = _recording(proposal, tables)
+    _direction(proposal, recording)
+    estimates = estimates_of(recording)
+    if "axes" not in imu:
+        _axes(proposal, estimates, recording, ask)
+        if _counts_the_other_way(proposal, ask):
+            recording = _recording(proposal, tables)
+            estimates = estimates_of(recording)
+            _axes(proposal, estimates, recording, ask)
+    if _settle_speed(proposal, estimates):
+        estimates = estimates_of(_recording(proposal, tables))
+    _settle_rate(proposal, estimates)
+    for key, text in proposal.assumed.items():
+        section, _, name = key.partition(".")
+        part = proposal.sections[section]
+        part[name] = asked_unit(ask, key, text, part[name], _candidates(key, part)[0])
+
+
+def _recording(proposal: Proposal, tables: Sequence[SourceTable]) -> Recording:
+    with temporary_folder() as folder:
+        made = write_imported(tables, mapping_of(proposal.sections, "proposal"), folder / "r", run_id="proposal")
+        recording = made.loaded.recording
+    assert recording is not None  # write_imported raises where it is not readable
+    return recording
+
+
+def _direction(proposal: Proposal, recording: Recording) -> None:
+    """State that the run goes against the chainages, where those of its fixes fall."""
+    if recording.fixes is None or len(recording.fixes) < 2 or "track" not in proposal.sections:
+        return
+    if (np.diff(recording.fixes["chainage_m"]) < 0.0).all():
+        proposal.sections["track"].setdefault("direction", -1)
+        proposal.reasons["track.direction"] = "the chainages of the fixes fall"
+
+
+def _axes(proposal: Proposal, estimates: Estimates, recording: Recording, ask: Ask) -> None:
+    imu, axes = proposal.sections["imu"], estimates.axes
+    correlation = axes.best_forward_correlation
+    if correlation is not None and correlation >= CheckLimits().axis_correlation:
+        imu["axes"] = axes.proposed
+        proposal.reasons["imu.axes"] = f"gravity and the tach's acceleration show it (correlation {correlation:.2f})"
+        return
+    up = recording.accel.mean(axis=0)
+    vertical = int(np.argmax(np.abs(up)))
+    default = next(axes for axes in AXES if axes[vertical] == ("U" if up[vertical] > 0 else "D") and "F" in axes)
+    text = "Where do x, y, z point: forward F or back B, left L or right R, up U or down D"
+    question = Question("imu.axes", text, default, accepts=lambda answer: answer.upper() in AXES)
+    imu["axes"] = asked(ask, question, "a right-handed triad such as FLU").upper()
+    proposal.reasons["imu.axes"] = "gravity shows which axis is vertical; the others were answered"
+
+
+def _counts_the_other_way(proposal: Proposal, ask: Ask) -> bool:
+    """Ask whether an accelerometer that reads down as up, and braking as accelerating, does so by its signs.
+
+    Apple's phones count the force of gravity itself. Mirrored forces and rates satisfy the same equations, so that only
+    its owner knows. Turn its signs where it is so, forget the axes, and return that.
+    """
+    imu = proposal.sections["imu"]
+    if not {"B", "D"} <= set(imu["axes"]) or "imu.axes" not in proposal.reasons:
+        return False
+    text = "At rest the accelerometer reads -1 g upwards: is it upside down, or are its signs the other way round?"
+    if ask(Question("imu.accel_signs", text, "upside down", ("upside down", "other signs"))) == "upside down":
+        return False
+    imu["accel_unit"] = f"-1 {imu['accel_unit']}"
+    del imu["axes"]
+    return True
+
+
+def _settle_speed(proposal: Proposal, estimates: Estimates) -> bool:
+    """Set the unit of a tach that states none by the force that its acceleration needs; return whether that changed."""
+    slope = None if estimates.force is None else estimates.force.forward
+    if slope is None or slope.correlation < CheckLimits().axis_correlation:
+        return False
+    return _rescale(proposal, "tach.unit", slope.value, "forward force fits its acceleration")
+
+
+def _settle_rate(proposal: Proposal, estimates: Estimates) -> None:
+    """Set the unit of a gyro that states none by the lateral force that speed and yaw rate need."""
+    slope = None if estimates.force is None else estimates.force.lateral
+    if slope is not None and abs(slope.correlation) >= CheckLimits().axis_correlation:
+        _rescale(proposal, "imu.gyro_unit", abs(slope.value), "lateral force fits speed and yaw rate")
+
+
+def _candidates(key: str, part: dict[str, Any]) -> tuple[Quantity, tuple[str, ...]]:
+    return ("length", _LENGTHS) if part.get("kind") == "distance" else _CANDIDATES[key]
+
+
+def _rescale(proposal: Proposal, key: str, slope: float, reason: str) -> bool:
+    """Set an assumed unit to the one in which values are ``slope`` times as large; return whether it is another one.
+
+    Where no unit fits it stays assumed.
+    """
+    section, _, name = key.partition(".")
+    if key not in proposal.assumed:
+        return False
+    part = proposal.sections[section]
+    quantity, units = _candidates(key, part)
+    before = part[name]
+    now = factor_of(before, quantity)
+    assert now is not None
+    off = {unit: abs(math.log((factor_of(unit, quantity) or now) / now / slope)) for unit in (before, *units)}
+    unit = min(off, key=lambda unit: off[unit])
+    if off[unit] > math.log(_FITS):
+        return False
+    del proposal.assumed[key]
+    proposal.reasons[key] = f"{reason} in {unit}"
+    part[name] = unit
+    return bool(unit != before)

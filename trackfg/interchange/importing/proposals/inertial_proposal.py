@@ -1,0 +1,103 @@
+"""Which columns are those of the inertial sensor, and in which units."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import takewhile
+from typing import Any
+
+import numpy as np
+
+from trackfg.errors import BadInputError
+from trackfg.interchange.importing.columns.column_meaning import QUANTITY_OF, InertialKind, Triple, has_gravity, triples
+from trackfg.interchange.importing.proposals.questions import Ask, Proposal, Question, asked_unit
+from trackfg.interchange.importing.source_table import SourceTable
+
+_SLOW_COPY = 0.5
+"""Columns with fewer rows than that share of the most are slow copies of a sensor."""
+_NAMED_TABLES = 8
+"""Tables that a message names."""
+
+
+def propose_imu(proposal: Proposal, tables: Sequence[SourceTable], ask: Ask) -> None:
+    """Add the section of the inertial sensor.
+
+    Raises :class:`BadInputError` where gyro or accelerometer are not found, or where gravity was removed.
+    """
+    gyro = _chosen(tables, "gyro", ask)
+    accel = _chosen(tables, "accel", ask, beside=gyro)
+    if (
+        accel is None
+        and (accel := _chosen(tables, "free_accel", ask, beside=gyro)) is not None
+        and not has_gravity(accel)
+    ):
+        raise BadInputError(
+            "the acceleration is without gravity, which roll and pitch need; expected the specific force "
+            "(total acceleration). Hint: switch on the accelerometer itself, not the linear or user acceleration"
+        )
+    if gyro is None or accel is None:
+        raise BadInputError(_not_found("gyro" if gyro is None else "accelerometer", tables))
+    section: dict[str, Any] = {"file": gyro.table.name}
+    if not _same_rows(gyro, accel):
+        section["file"] = [gyro.table.name, accel.table.name]
+    section |= proposal.times_of(gyro.table, ask)
+    for key, triple in (("gyro", gyro), ("accel", accel)):
+        section[key] = list(triple.columns)
+        section[f"{key}_unit"] = _unit(proposal, triple, key, ask)
+    proposal.sections["imu"] = section
+
+
+def _not_found(lacking: str, tables: Sequence[SourceTable]) -> str:
+    names = "; ".join(f"{table.name}: {', '.join(table.columns[:20])}" for table in tables[:_NAMED_TABLES])
+    more = f" and {len(tables) - _NAMED_TABLES} more tables" if len(tables) > _NAMED_TABLES else ""
+    return (
+        f"no three columns of the {lacking} found among {names}{more}; expected names such as gyro_x, or for a track "
+        "geometry a column of places and channels such as level. Hint: name them in a mapping (docs/importing.md)"
+    )
+
+
+def _chosen(tables: Sequence[SourceTable], kind: InertialKind, ask: Ask, beside: Triple | None = None) -> Triple | None:
+    """Return the columns of a kind: of several sensors the one whose names are most like those ``beside``, or asked."""
+    found = [triple for table in tables for triple in triples(table, kind)]
+    rows = [triple.values().shape[1] for triple in found]
+    found = [triple for triple, n in zip(found, rows, strict=True) if n > _SLOW_COPY * max(rows)]
+    if len(found) > 1 and beside is not None:
+        alike = [_likeness(triple, beside) for triple in found]
+        found = [triple for triple, value in zip(found, alike, strict=True) if value == max(alike)]
+    if len(found) < 2:
+        return next(iter(found), None)
+    names = [f"{triple.table.name}:{triple.columns[0]}" for triple in found]
+    same = {triple.table.name for triple in found}
+    names = [triple.columns[0] for triple in found] if len(same) == 1 else names
+    sensor = "gyro" if kind == "gyro" else "accelerometer"
+    question = Question(f"imu.{kind}", f"Which {sensor} is to be used (its x axis)?", names[0], tuple(names))
+    return found[names.index(ask(question))]
+
+
+def _likeness(triple: Triple, other: Triple) -> tuple[bool, int]:
+    """Return how much the names of two triples have in common: the table, and the first letters of their columns."""
+    names = triple.columns[0].casefold(), other.columns[0].casefold()
+    same = takewhile(lambda pair: pair[0] == pair[1], zip(*names, strict=False))
+    return triple.table.name == other.table.name, sum(1 for _ in same)
+
+
+def _same_rows(gyro: Triple, accel: Triple) -> bool:
+    """Return whether both are in the same rows of one table."""
+    if gyro.table.name != accel.table.name:
+        return False
+    there = [np.isfinite(triple.table.numbers(triple.columns[0])) for triple in (gyro, accel)]
+    return bool((there[0] & there[1]).sum() >= _SLOW_COPY * min(there[0].sum(), there[1].sum()))
+
+
+def _unit(proposal: Proposal, triple: Triple, key: str, ask: Ask) -> str:
+    """Return the unit of three columns: for now a likely one where the source does not state it, asked without any."""
+    if triple.known:
+        return triple.unit
+    text = f"Unit of {', '.join(triple.columns)}"
+    if not triple.unit:
+        return asked_unit(ask, f"imu.{key}_unit", f"{text}, or what one count is worth", "", QUANTITY_OF[key])
+    if key == "accel":
+        proposal.reasons["imu.accel_unit"] = "gravity shows it, to about 1 %"
+    else:
+        proposal.assumed[f"imu.{key}_unit"] = text
+    return triple.unit

@@ -1,0 +1,114 @@
+"""Questions about what the data of a source cannot say, and the times of its tables."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+from trackfg.errors import BadInputError
+from trackfg.interchange.importing.columns.time_columns import (
+    counter_of,
+    stalled_times,
+    stated_rate_hz,
+    time_columns,
+    time_unit,
+)
+from trackfg.interchange.importing.columns.written_units import Quantity, factor_of
+from trackfg.interchange.importing.source_table import SourceTable
+
+
+@dataclass(frozen=True)
+class Question:
+    """A question has a ``key``, a ``text``, and a ``default`` that is taken without an answer; empty: there is none.
+
+    ``choices``: the answers that are possible, if they can be listed; ``accepts`` tells whether one is. One that is
+    ``optional`` may be left without an answer.
+    """
+
+    key: str
+    text: str
+    default: str
+    choices: tuple[str, ...] = ()
+    accepts: Callable[[str], bool] = lambda _: True
+    optional: bool = False
+
+
+Ask = Callable[[Question], str]
+
+
+def asked(ask: Ask, question: Question, expected: str) -> str:
+    """Return the answer. Raises :class:`BadInputError` where there is none, or none that the question accepts."""
+    answer = ask(question)
+    if not answer.strip():
+        raise BadInputError(
+            f"{question.key}: the source does not say it ({question.text}); expected {expected}. Hint: answer the "
+            "question of trackfg init, or state the key in a mapping (docs/importing.md)"
+        )
+    if not question.accepts(answer):
+        raise BadInputError(f"{question.key}: {answer!r} is not understood; expected {expected}")
+    return answer
+
+
+def asked_number(ask: Ask, key: str, text: str, default: str) -> float:
+    """Return a number above zero."""
+    expected = f"a number such as {default}" if default else "a number"
+    return float(asked(ask, Question(key, text, default, accepts=_is_positive), expected))
+
+
+def _is_positive(answer: str) -> bool:
+    try:
+        return 0.0 < float(answer) < float("inf")
+    except ValueError:
+        return False
+
+
+def asked_unit(ask: Ask, key: str, text: str, default: str, quantity: Quantity) -> str:
+    """Return a unit of that quantity, perhaps with the number that one count stands for."""
+    examples = {"angular rate": "rad/s, deg/s, 8.75 mdeg/s", "acceleration": "m/s^2, g, 0.122 mg", "speed": "m/s, km/h"}
+    expected = f"a unit such as {examples.get(quantity, 'm')}"
+    question = Question(key, text, default, accepts=lambda answer: factor_of(answer, quantity) is not None)
+    return asked(ask, question, expected)
+
+
+@dataclass
+class Proposal:
+    """A proposed mapping: its ``sections``, and for keys (``"imu.axes"``) why they are what they are.
+
+    ``assumed``: keys of units that the source does not state, which the data may show later, with what to ask else.
+    """
+
+    sections: dict[str, Any]
+    reasons: dict[str, str] = field(default_factory=dict)
+    assumed: dict[str, str] = field(default_factory=dict)
+    _times: dict[str, dict[str, Any]] = field(default_factory=dict)
+
+    def times_of(
+        self, table: SourceTable, ask: Ask | None = None, beside: tuple[SourceTable, str] | None = None
+    ) -> dict[str, Any]:
+        """Return the keys of a table's times; of samples without any by counting them, at a rate that is asked.
+
+        ``beside``: as in :func:`~trackfg.interchange.importing.columns.time_columns.time_unit`. Raises
+        :class:`BadInputError` where there are none and ``ask`` is None.
+        """
+        if table.name not in self._times:
+            self._times[table.name] = self._new_times(table, ask, beside)
+        return dict(self._times[table.name])
+
+    def _new_times(self, table: SourceTable, ask: Ask | None, beside: tuple[SourceTable, str] | None) -> dict[str, Any]:
+        columns = time_columns(table)
+        if columns is not None:
+            return {"time": columns[0] if len(columns) == 1 else list(columns), **time_unit(table, columns, beside)}
+        if ask is None:
+            raise BadInputError(
+                f"{table.name}: no column of times found among {', '.join(table.columns[:30])}; expected one. Hint: "
+                "name it in a mapping (docs/importing.md)"
+            )
+        rate, stalled = stated_rate_hz(table), stalled_times(table)
+        seen = (
+            "has no times" if stalled is None else f"has times, {stalled[0]}, of {stalled[1]} values only in all rows"
+        )
+        text = f"Samples per second, since {table.name} {seen}"
+        answer = asked_number(ask, "imu.rate_hz", text, "" if rate is None else f"{rate:g}")
+        self.reasons["imu.tick_s"] = f"of {answer:g} samples per second"
+        return {"time": counter_of(table), "time_unit": "ticks", "tick_s": 1.0 / answer}

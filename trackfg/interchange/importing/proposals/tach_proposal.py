@@ -1,0 +1,103 @@
+"""Which column is the tachometer's: a count of pulses, a distance or a speed."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from typing import Any, Literal
+
+import numpy as np
+import pandas as pd
+
+from trackfg.interchange.importing.columns.column_meaning import first_of, has_axes_beside, kind_in
+from trackfg.interchange.importing.columns.column_names import parts_of
+from trackfg.interchange.importing.columns.time_columns import is_sample_counter
+from trackfg.interchange.importing.columns.written_units import factor_of, unit_in
+from trackfg.interchange.importing.proposals.questions import Ask, Proposal, Question, asked_number, asked_unit
+from trackfg.interchange.importing.source_table import SourceTable
+
+_WHEEL = re.compile(r"wheel|rad(?!ar|ius)|axle|achse|tach|odo")
+"""Names of speeds that no GNSS receiver gives."""
+
+
+def propose_tach(proposal: Proposal, tables: Sequence[SourceTable], ask: Ask) -> None:
+    """Add the section of the tachometer where a table has one."""
+    imu = proposal.sections["imu"]["file"]
+    for kind in ("count", "distance", "speed"):
+        for table in tables:
+            names = [name for name in table.columns if kind_in(table, name) == kind and _is_scalar(table, name)]
+            name = next((name for name in names if _WHEEL.search(name.casefold())), next(iter(names), None))
+            if name is None or (kind == "speed" and not _is_wheels(table, name, imu, ask)):
+                continue
+            section: dict[str, Any] = {"file": table.name, **proposal.times_of(table, ask), "column": name}
+            if kind == "count":
+                text = f"Pulses per turn of the wheel, in {name}"
+                section["kind"] = "pulses"
+                section["pulses_per_rev"] = asked_number(ask, "tach.pulses_per_rev", text, "1")
+                section["wheel_diameter_m"] = _diameter(ask)
+            elif kind == "distance":
+                section |= {"kind": "distance", "unit": _unit_of(proposal, table, name, "length", ask)}
+            else:
+                section |= _speed(proposal, table, name, ask)
+            if kind != "speed" and _is_of_each_row(table.numbers(name)):
+                section["increments"] = True
+                proposal.reasons["tach.increments"] = f"{name} rises and falls, and is never negative"
+            proposal.sections["tach"] = section
+            return
+
+
+def _is_of_each_row(values: np.ndarray) -> bool:
+    """Return whether a count or a distance is that since the row before: it falls as often as it rises."""
+    known = values[np.isfinite(values)]
+    step = np.diff(known)
+    return bool(known.size > 1 and known.min() >= 0.0 and (step < 0.0).sum() > 0.25 * (step != 0.0).sum() > 0.0)
+
+
+def _is_scalar(table: SourceTable, name: str) -> bool:
+    """Return whether a column holds numbers of a wheel: no part of a vector, as a receiver's velocity is, and no count
+    of samples.
+    """
+    is_number = pd.api.types.is_numeric_dtype(table.frame[name])
+    return is_number and not has_axes_beside(table, name) and not is_sample_counter(table, name)
+
+
+def _diameter(ask: Ask) -> float:
+    return asked_number(ask, "tach.wheel_diameter_m", "Wheel diameter, m", "0.92")
+
+
+def _speed(proposal: Proposal, table: SourceTable, name: str, ask: Ask) -> dict[str, Any]:
+    """Return the keys of a speed, or of turns of the wheel."""
+    section: dict[str, Any] = {"kind": "speed"}
+    stated = table.units.get(name) or parts_of(name).unit or name.rpartition(" ")[2]
+    if factor_of(stated, "angular rate") is not None:
+        section |= {"unit": stated, "wheel_diameter_m": _diameter(ask)}
+    else:
+        section["unit"] = _unit_of(proposal, table, name, "speed", ask)
+    if np.nanmin(table.numbers(name)) < 0.0:
+        section["signed"] = True
+        proposal.reasons["tach.signed"] = "some speeds are negative"
+    return section
+
+
+def _is_wheels(table: SourceTable, name: str, imu: str | list[str], ask: Ask) -> bool:
+    """Return whether a speed is a wheel's and not the receiver's, which has latitudes beside it.
+
+    Where a table has inertial samples too, and the name does not say which it is, the user is asked.
+    """
+    if first_of(table, "latitude") is None or _WHEEL.search(name.casefold()):
+        return True
+    if table.name != imu:
+        return False
+    return ask(Question("tach.column", f"Is {name} measured at a wheel, not by GNSS?", "no", ("yes", "no"))) == "yes"
+
+
+def _unit_of(proposal: Proposal, table: SourceTable, name: str, quantity: Literal["speed", "length"], ask: Ask) -> str:
+    """Return the unit that a tach's column states; a usual one for now without any. An unknown one is asked."""
+    stated, usual = table.units.get(name, ""), {"speed": "m/s", "length": "m"}[quantity]
+    unit = unit_in(stated or name, quantity)
+    if unit is not None:
+        return unit
+    if stated.strip(" -1"):
+        return asked_unit(ask, "tach.unit", f"Unit of {name}, which the source calls {stated}", "", quantity)
+    proposal.assumed["tach.unit"] = f"Unit of {name}"
+    return usual

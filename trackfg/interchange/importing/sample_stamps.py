@@ -1,0 +1,83 @@
+"""Stamps of samples that repeat, or rows that are not in their order."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+
+from trackfg.numerics.arrays import Array
+
+_LINE_ROWS = 2000
+"""Rows of one straight line: 10 s at 200 Hz, in which no logger's rate drifts by a sample."""
+_DISPLACED = 0.01
+"""Share of rows that buffers of a logger bring out of their order; more is a clock that was set."""
+
+
+def sorted_rows(t: Array) -> np.ndarray | None:
+    """Return the order (n,) of rows that brings times (n,), s, into sequence; None where they are, or cannot be.
+
+    A few rows out of their order fit into the gaps that they left, or repeat others. A clock that was set back does
+    not: its rows would come between those before.
+    """
+    step = np.diff(t)
+    if not (step < 0).any():
+        return None
+    order = np.argsort(t, kind="stable")
+    usual = float(np.median(step))
+    misplaced = float((order != np.arange(t.size)).mean())
+    step = np.diff(t[order])
+    return order if misplaced < _DISPLACED and ((step == 0.0) | (step >= 0.5 * usual)).all() else None
+
+
+def repeated_rows(t: Array, frame: pd.DataFrame) -> np.ndarray | None:
+    """Return which rows (n,) are written a second time, with times (n,), s, and all cells of the row before.
+
+    None where there are none, or where stamps repeat so often that they are coarse.
+    """
+    again = np.flatnonzero(np.diff(t) == 0.0) + 1
+    if not 0 < again.size < _DISPLACED * t.size:
+        return None
+    before, these = (frame.iloc[rows].reset_index(drop=True) for rows in (again - 1, again))
+    same = ((these == before) | (these.isna() & before.isna())).all(axis=1).to_numpy(dtype=bool, na_value=False)
+    twice = np.zeros(t.size, dtype=bool)
+    twice[again[same]] = True
+    return twice if same.any() else None
+
+
+def spread_stamps(t: Array) -> Array:
+    """Return times (n,), s, without the repetitions that coarse stamps have: samples are as far apart as on average.
+
+    Between two breaks (steps of more than 10 usual intervals) the samples of a clock that ticks every q lie on a
+    straight line, up to q; a slow change of the rate is followed by lines over some 2000 samples. Times that grow from
+    row to row are returned as they are.
+    """
+    step = np.diff(t)
+    if t.size < 3 or (step > 0).all():
+        return t
+    if (step < 0).any():
+        return t  # a clock that runs backwards is not corrected here: `check` names the row
+    usual = (t[-1] - t[0]) / (t.size - 1)
+    ticks = step[step > 0]
+    quantum = float(ticks.min()) if ticks.size else 0.0
+    breaks = np.flatnonzero(step > max(10.0 * usual, 3.0 * quantum)) + 1
+    out = t.copy()
+    for first, last in zip([0, *breaks], [*breaks, t.size], strict=True):
+        for a in range(first, last, _LINE_ROWS):
+            b = last if last - a < 2 * _LINE_ROWS else a + _LINE_ROWS
+            if b - a >= 3:
+                out[a:b] = _line(t[a:b])
+            if b == last:
+                break
+    return out if (np.diff(out) > 0).all() else _strictly(out, usual)
+
+
+def _line(t: Array) -> Array:
+    i = np.arange(t.size, dtype=np.float64)
+    slope, offset = np.polyfit(i, t, 1)
+    return np.asarray(offset + slope * i)
+
+
+def _strictly(t: Array, usual: float) -> Array:
+    """Return times that grow by at least a tenth of the usual step: where two lines meet they may overlap a little."""
+    least = 0.1 * usual * np.arange(t.size)
+    return np.asarray(np.maximum.accumulate(t - least) + least)

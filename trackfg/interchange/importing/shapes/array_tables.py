@@ -1,0 +1,81 @@
+"""Named arrays, as MATLAB, NumPy and HDF5 keep them, become tables: those of one length beside each other."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from trackfg.interchange.importing.columns.time_columns import time_columns
+from trackfg.interchange.importing.source_table import SourceTable
+
+_FEWEST_ROWS = 2
+_RATE = re.compile(r"^(fs|f_?s(ample)?|sampl\w*[ _]?(rate|freq\w*)|rate|srate)([ _]?hz)?$", re.IGNORECASE)
+"""Names of a number that is the sampling rate, Hz."""
+
+
+def tables_of_arrays(arrays: Mapping[str, Any], name: str) -> list[SourceTable]:
+    """Return the tables of arrays by their paths (``imu/gyro``): arrays of one group and length are one table.
+
+    An array (n, 3) or (3, n) is three columns x, y, z. A group without times gets those of another one of its length,
+    if only one has any.
+    """
+    groups: dict[tuple[str, int], dict[str, np.ndarray]] = {}
+    for path, value in arrays.items():
+        array = _by_rows(np.asarray(value))
+        if array is not None:
+            parent, _, leaf = path.rpartition("/")
+            groups.setdefault((parent, len(array)), {}).update(_columns(leaf, array))
+    remarks = "\n".join(_rates(arrays))
+    parents = {parent for parent, _ in groups}
+    tables = []
+    for (parent, rows), columns in groups.items():
+        alone = sum(other == parent for other, _ in groups) == 1
+        parts = [name, *([parent] if len(parents) > 1 else []), *([] if alone else [f"{rows} rows"])]
+        tables.append(SourceTable("/".join(parts), pd.DataFrame(columns), remarks=remarks))
+    return _with_times(tables)
+
+
+def _by_rows(array: np.ndarray) -> np.ndarray | None:
+    """Return an array of numbers as (n,) or (n, columns); None for anything else."""
+    if array.dtype.kind == "M":
+        array = array.astype("datetime64[ns]").astype(np.int64)
+    if array.dtype.kind not in "iufb" or array.ndim > 2 or array.size < _FEWEST_ROWS:
+        return None
+    if array.ndim == 2:
+        array = array if array.shape[0] >= array.shape[1] else array.T
+        array = array[:, 0] if array.shape[1] == 1 else array
+    return array if array.ndim and len(array) >= _FEWEST_ROWS else None
+
+
+def _columns(leaf: str, array: np.ndarray) -> dict[str, np.ndarray]:
+    if array.ndim == 1:
+        return {leaf: array}
+    axes = "xyz" if array.shape[1] == 3 else [str(i + 1) for i in range(array.shape[1])]
+    return {f"{leaf} {axis}": array[:, i] for i, axis in enumerate(axes)}
+
+
+def _rates(arrays: Mapping[str, Any]) -> Iterator[str]:
+    for path, value in arrays.items():
+        leaf, number = path.rpartition("/")[2], np.asarray(value)
+        if _RATE.match(leaf) and number.size == 1 and number.dtype.kind in "iuf":
+            yield f"sampling rate: {float(number.ravel()[0]):g} Hz"
+
+
+def _with_times(tables: list[SourceTable]) -> list[SourceTable]:
+    """Return the tables, those without times beside the only one of their length that has times."""
+    timed = {table.name: time_columns(table) is not None for table in tables}
+    out: list[SourceTable] = []
+    for table in tables:
+        same = [other for other in tables if timed[other.name] and len(other.frame) == len(table.frame)]
+        if timed[table.name] or len(same) != 1:
+            out.append(table)
+            continue
+        times = time_columns(same[0]) or ()
+        clash = [column for column in times if column in table.columns]
+        frame = table.frame if clash else pd.concat([same[0].frame[list(times)], table.frame], axis=1)
+        out.append(SourceTable(table.name, frame, remarks=table.remarks))
+    return out

@@ -1,0 +1,92 @@
+"""Tables with a kind of row for each sensor, or with a file for each channel, get a column for each channel."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+
+from trackfg.interchange.importing.columns.column_meaning import stem_of
+from trackfg.interchange.importing.columns.time_columns import time_columns
+from trackfg.interchange.importing.source_table import SourceTable
+
+_SENSOR = re.compile(
+    r"^(sensor|source|device|topic|type|kind|stream|msg|message)([\s_.]?(type|name|id))?$", re.IGNORECASE
+)
+"""Names of columns that say which sensor a row is of."""
+_VALUE = re.compile(r"^(value|wert|data|val|reading)s?([\s_(\[].*)?$", re.IGNORECASE)
+_MOST_SENSORS = 50
+"""Sensors of a log whose rows say which one they are of."""
+
+
+def by_sensor(table: SourceTable) -> list[SourceTable]:
+    """Return a table for each sensor, with the columns that it fills, where a column says which one a row is of."""
+    for name in table.columns:
+        if not _SENSOR.match(name.strip()) or not pd.api.types.is_string_dtype(table.frame[name]):
+            continue
+        sensors = table.frame[name].astype("string").str.strip()
+        kinds = [str(kind) for kind in sensors.dropna().unique()]
+        if not 1 < len(kinds) <= _MOST_SENSORS:
+            continue
+        parts = {kind: table.frame[(sensors == kind).to_numpy(dtype=bool, na_value=False)] for kind in kinds}
+        filled = {
+            kind: [c for c in part.columns if c != name and part[c].notna().any()] for kind, part in parts.items()
+        }
+        if any(not columns for columns in filled.values()):
+            return [table]
+        return [
+            replace(table, name=f"{table.name}/{kind}", frame=parts[kind][columns].reset_index(drop=True))
+            for kind, columns in filled.items()
+        ]
+    return [table]
+
+
+def with_joined_channels(tables: Sequence[SourceTable]) -> list[SourceTable]:
+    """Return the tables, of which those with times and one ``value`` on the same times are columns of one table.
+
+    Such a column is named after its table: ``gyro_x.csv`` with ``time,value`` is the column ``gyro_x``.
+    """
+    groups: dict[bytes, list[tuple[str, SourceTable]]] = {}
+    out: list[SourceTable | bytes] = []
+    for table in tables:
+        times, value = time_columns(table), _only_value(table)
+        if times is None or len(times) != 1 or value is None:
+            out.append(table)
+            continue
+        key = pd.util.hash_pandas_object(table.frame[times[0]], index=False).to_numpy().tobytes()
+        if key not in groups:
+            out.append(key)
+        groups.setdefault(key, []).append((times[0], _renamed(table, value)))
+    return [table if isinstance(table, SourceTable) else _in_one(groups[table]) for table in out]
+
+
+def _only_value(table: SourceTable) -> str | None:
+    """Return the column of values of a table that has times and one channel; None for other tables."""
+    if len(table.columns) != 2:
+        return None
+    return next((name for name in table.columns if _VALUE.match(name.strip())), None)
+
+
+def _renamed(table: SourceTable, value: str) -> SourceTable:
+    name = stem_of(table.name)
+    units = {name if column == value else column: unit for column, unit in table.units.items()}
+    return replace(table, frame=table.frame.rename(columns={value: name}), units=units)
+
+
+def _in_one(parts: list[tuple[str, SourceTable]]) -> SourceTable:
+    time, first = parts[0]
+    channels = [table.frame[[name for name in table.columns if name != own]] for own, table in parts]
+    taken = [str(channel.columns[0]) for channel in channels]
+    if len(set(taken)) < len(taken):
+        channels = [
+            channel.set_axis([f"{name}.{i + 1}"], axis=1)
+            for i, (name, channel) in enumerate(zip(taken, channels, strict=True))
+        ]
+    units = {name: unit for _, table in parts for name, unit in table.units.items()}
+    frame = pd.concat([first.frame[[time]], *channels], axis=1)
+    return replace(
+        first, frame=frame, units=units, notes=tuple(np.concatenate([table.notes for _, table in parts]).tolist())
+    )

@@ -1,0 +1,134 @@
+"""Text whose lines begin with what they are (``GYRO;0.01;...``), perhaps with sentences of a receiver among them."""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Sequence
+from pathlib import Path
+
+import pandas as pd
+import pyarrow as pa
+import pyarrow.csv
+
+from trackfg.interchange.importing.source_table import SourceTable
+from trackfg.interchange.importing.text_dialect import EMPTY_CELLS, header_of
+
+_TAGGED = re.compile(r"([A-Za-z][A-Za-z_]\w*)([,;\t|])\s*[-+.\dA-Za-z]")
+_SENTENCE = re.compile(r"\$(G[A-Z]|BD|QZ)[A-Z]{3},")
+"""NMEA: the talker and the sentence."""
+_HEAD_BYTES = 200_000
+_SHARE = 0.8
+"""Of the lines that are no remarks and no sentences, so many begin with a tag."""
+
+
+def has_other_lines(path: Path) -> bool:
+    """Return whether a file of text has lines that begin with a tag among the sentences of a receiver."""
+    return delimiter_of_tagged(path) is not None
+
+
+def has_sentences(path: Path) -> bool:
+    """Return whether some lines at the start of a text are sentences of a receiver and others are none."""
+    lines = _head(path)
+    sentences = sum(bool(_SENTENCE.match(line)) for line in lines)
+    return 0 < sentences < len(lines)
+
+
+def delimiter_of_tagged(path: Path) -> str | None:
+    """Return the delimiter of a text whose lines begin with tags, two or more with different numbers of cells, or one
+    among sentences of a receiver; None for any other text.
+    """
+    lines = _head(path)
+    others = [line for line in lines if not _SENTENCE.match(line)]
+    tagged = [match for line in others if (match := _TAGGED.match(line))]
+    if not tagged or len(tagged) < _SHARE * len(others):
+        return None
+    delimiter = tagged[0][2]
+    widths = {(match[1], match.string.count(delimiter)) for match in tagged}
+    tags = {tag for tag, _ in widths}
+    several = len(tags) > 1 and len({width for _, width in widths}) > 1 and len(tags) < 0.1 * len(tagged)
+    return delimiter if several or (len(tags) == 1 and len(others) < len(lines)) else None
+
+
+def _head(path: Path) -> list[str]:
+    with path.open("rb") as stream:
+        head = stream.read(_HEAD_BYTES)
+    lines = [] if b"\0" in head else head.decode("utf-8", "replace").splitlines()
+    lines = lines[:-1] if len(head) == _HEAD_BYTES else lines  # the last one may be cut off
+    return [line for line in lines if line.strip() and line[0] not in "%#/!"]
+
+
+def read_tagged(path: Path, delimiter: str) -> Sequence[SourceTable]:
+    """Return a table for each tag. Names are those of a remark that lists the cells of such a line, else c1, c2, ...
+
+    Lines with another number of cells than most of their kind are left out, with a note.
+    """
+    kinds = {tag: _Kind(width) for tag, width in _widths(path, delimiter).items()}
+    remarks: list[str] = []
+    with path.open(encoding="utf-8", errors="replace") as stream:
+        for number, line in enumerate(stream, start=1):
+            match = _TAGGED.match(line)
+            if match and match[2] == delimiter and match[1] in kinds:
+                kinds[match[1]].take(line[match.end(1) + 1 :], delimiter, number)
+            elif line[:1] in "%#/!":
+                remarks.append(line)
+    tables = []
+    for tag, kind in kinds.items():
+        if kind.lines > 1:
+            names, units = _names(tag, delimiter, kind.width, remarks)
+            name, said = f"{path.name}/{tag}", "".join(remarks)
+            note = f"{name}: {kind.left_out} lines with other than {kind.width} cells are left out"
+            frame, notes = kind.frame(delimiter, names), (note,) if kind.left_out else ()
+            tables.append(SourceTable(name, frame, units, kind.first_row, remarks=said, notes=notes))
+    return tables
+
+
+class _Kind:
+    """The lines of a tag that have its usual ``width``, in cells."""
+
+    def __init__(self, width: int) -> None:
+        self.width, self.lines, self.left_out, self.first_row = width, 0, 0, 0
+        self._text = bytearray()
+
+    def take(self, rest: str, delimiter: str, number: int) -> None:
+        """Take up what follows the tag in a line."""
+        self.first_row = self.first_row or number
+        if rest.count(delimiter) == self.width - 1:
+            self._text += rest.encode()
+            self.lines += 1
+        else:
+            self.left_out += 1
+
+    def frame(self, delimiter: str, names: tuple[str, ...]) -> pd.DataFrame:
+        """Return the cells as numbers and text."""
+        read = pa.csv.ReadOptions(column_names=list(names))
+        convert = pa.csv.ConvertOptions(null_values=EMPTY_CELLS, strings_can_be_null=True, timestamp_parsers=["none"])
+        table = pa.csv.read_csv(pa.BufferReader(self._text), read, pa.csv.ParseOptions(delimiter=delimiter), convert)
+        columns = [
+            column
+            if pa.types.is_integer(column.type) or pa.types.is_floating(column.type)
+            else column.cast(pa.string())
+            for column in table.columns
+        ]
+        frame: pd.DataFrame = pa.table(columns, names=table.column_names).to_pandas()
+        return frame
+
+
+def _widths(path: Path, delimiter: str) -> dict[str, int]:
+    """Return the usual number of cells behind each tag."""
+    counts: dict[str, Counter[int]] = {}
+    for line in _head(path):
+        match = _TAGGED.match(line)
+        if match and match[2] == delimiter:
+            counts.setdefault(match[1], Counter())[line.count(delimiter)] += 1
+    return {tag: widths.most_common(1)[0][0] for tag, widths in counts.items()}
+
+
+def _names(tag: str, delimiter: str, width: int, remarks: list[str]) -> tuple[tuple[str, ...], dict[str, str]]:
+    for remark in remarks:
+        begin = remark.find(tag + delimiter)
+        if begin >= 0:
+            cells = [cell.strip(" '\"\r\n\t") for cell in remark[begin:].split(delimiter)][1:]
+            if len(cells) == width:
+                return header_of([cells, [""] * width], 1, width, None)
+    return header_of([[""] * width], 0, width, None)

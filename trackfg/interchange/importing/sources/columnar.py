@@ -1,0 +1,161 @@
+"""Files of columns: Parquet, Feather and Arrow, SQLite, NumPy and MATLAB."""
+
+from __future__ import annotations
+
+import sqlite3
+from collections.abc import Iterator
+from contextlib import closing
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pyarrow as pa
+import pyarrow.feather
+import pyarrow.parquet
+
+from trackfg.errors import BadInputError, TrackfgError, first_line
+from trackfg.interchange.importing.shapes.array_tables import tables_of_arrays
+from trackfg.interchange.importing.source_format import starts_with
+from trackfg.interchange.importing.source_table import SourceTable
+
+ARROW_SUFFIXES = (".parquet", ".pq", ".feather", ".arrow", ".ipc")
+SQLITE_SUFFIXES = (".db", ".sqlite", ".sqlite3")
+ARRAY_SUFFIXES = (".npy", ".npz", ".mat")
+
+_HDF5 = b"MATLAB 7.3 MAT-file"
+_DEPTH = 4
+"""Structs within structs."""
+_ROWS_AT_ONCE = 50_000
+"""Rows of a database that are turned into columns at a time: as Python's numbers they are four times as large."""
+
+
+def read_arrow(path: Path) -> list[SourceTable]:
+    """Read a Parquet, Feather or Arrow file. Raises :class:`BadInputError` where it is none."""
+    try:
+        if path.suffix.casefold() in (".parquet", ".pq"):
+            table = pa.parquet.ParquetFile(path).read(use_threads=False)
+        else:
+            table = pa.feather.read_table(path, use_threads=False)
+    except (pa.ArrowException, OSError, ValueError) as error:
+        raise BadInputError(f"{path.name}: cannot be read ({first_line(error)}); expected {path.suffix}") from error
+    units, columns, notes = {}, {}, []
+    for name, column in zip(table.column_names, table.columns, strict=True):
+        if pa.types.is_timestamp(column.type):
+            if column.type.tz is None:
+                notes.append(f"{path.name}: times of {name} state no zone: they are taken as UTC")
+            columns[name], units[name] = column.cast(pa.timestamp("ns")).cast(pa.int64()).to_pandas(), "ns"
+        elif pa.types.is_duration(column.type):
+            columns[name], units[name] = column.cast(pa.duration("ns")).cast(pa.int64()).to_pandas(), "ns"
+        elif pa.types.is_decimal(column.type):
+            columns[name] = column.cast(pa.float64()).to_pandas()
+        elif not pa.types.is_nested(column.type) and not pa.types.is_binary(column.type):
+            columns[name] = (column.cast(pa.string()) if _is_text(column.type) else column).to_pandas()
+    return [SourceTable(path.name, pd.DataFrame(columns), units, notes=tuple(notes))] if columns else []
+
+
+def _is_text(kind: pa.DataType) -> bool:
+    return not (pa.types.is_integer(kind) or pa.types.is_floating(kind) or pa.types.is_boolean(kind))
+
+
+def read_sqlite(path: Path) -> list[SourceTable]:
+    """Read every table of a SQLite database. Raises :class:`BadInputError` where it is none."""
+    try:
+        with closing(sqlite3.connect(f"{path.resolve().as_uri()}?mode=ro", uri=True)) as connection:
+            return list(_tables(connection, path.name))
+    except (sqlite3.Error, OSError, UnicodeError) as error:
+        raise BadInputError(f"{path.name}: cannot be read ({first_line(error)}); expected SQLite") from error
+
+
+def _tables(connection: sqlite3.Connection, name: str) -> Iterator[SourceTable]:
+    titles = connection.execute("SELECT name FROM sqlite_master WHERE type IN ('table', 'view') ORDER BY name")
+    for (title,) in titles.fetchall():
+        if title.startswith("sqlite_"):
+            continue
+        quoted = '"' + title.replace('"', '""') + '"'
+        cursor = connection.execute(f"SELECT * FROM {quoted}")
+        names = [column[0] for column in cursor.description]
+        frames = []
+        while rows := cursor.fetchmany(_ROWS_AT_ONCE):
+            columns = zip(names, zip(*rows, strict=True), strict=True)
+            frames.append(pd.DataFrame({column: _cells(values) for column, values in columns}))
+        frame = pd.concat(frames, ignore_index=True) if frames else pd.DataFrame()
+        if len(frame) > 1:
+            mixed = {str(column): frame[column].astype("string") for column in frame.select_dtypes("object")}
+            yield SourceTable(f"{name}/{title}", frame.assign(**mixed))
+
+
+def _cells(values: tuple[Any, ...]) -> pd.Series:
+    if all(isinstance(value, int | float) or value is None for value in values):
+        return pd.Series(values, dtype=None if all(isinstance(value, int) for value in values) else np.float64)
+    return pd.Series(
+        [value if isinstance(value, str) or value is None else str(value) for value in values], dtype="string"
+    )
+
+
+def read_arrays(path: Path) -> list[SourceTable]:
+    """Read the arrays of a NumPy or MATLAB file. Raises :class:`BadInputError` where it is none, or holds objects."""
+    try:
+        if path.suffix.casefold() == ".mat":
+            return tables_of_arrays(_matlab(path), path.name)
+        with path.open("rb") as stream:
+            loaded = np.load(stream, allow_pickle=False)
+            return _of_array(loaded, path.name) if isinstance(loaded, np.ndarray) else _of_archive(loaded, path.name)
+    except TrackfgError:
+        raise
+    except Exception as error:  # SciPy and NumPy let through what their parsers raise of damaged files
+        raise BadInputError(
+            f"{path.name}: cannot be read ({first_line(error)}); expected arrays of numbers ({path.suffix})"
+        ) from error
+
+
+def _of_array(array: np.ndarray, name: str) -> list[SourceTable]:
+    """Return the table of an array with named columns, or of one with numbers for names."""
+    if array.dtype.names is not None:
+        return tables_of_arrays({part: array[part] for part in array.dtype.names}, name)
+    if array.ndim != 2:
+        return []
+    return [SourceTable(name, pd.DataFrame(array, columns=[f"c{i + 1}" for i in range(array.shape[1])]))]
+
+
+def _of_archive(loaded: Any, name: str) -> list[SourceTable]:
+    with loaded:
+        return tables_of_arrays(_npz(loaded), name)
+
+
+def _npz(loaded: Any) -> dict[str, np.ndarray]:
+    arrays: dict[str, np.ndarray] = {}
+    for name in loaded.files:
+        array = loaded[name]
+        parts = array.dtype.names
+        arrays |= {name: array} if parts is None else {f"{name}/{part}": array[part] for part in parts}
+    return arrays
+
+
+def _matlab(path: Path) -> dict[str, Any]:
+    """Return the arrays of a MATLAB file by their paths through structs."""
+    if starts_with(path, _HDF5):
+        from trackfg.interchange.importing.sources.hdf5 import arrays_in
+
+        return arrays_in(path)
+    from scipy.io import loadmat
+
+    content = loadmat(path, squeeze_me=True, struct_as_record=False)
+    arrays = dict(_leaves({name: value for name, value in content.items() if not name.startswith("__")}, "", _DEPTH))
+    if not arrays:
+        raise BadInputError(
+            f"{path.name}: no arrays of numbers found; expected some. Hint: timetable and timeseries are objects of "
+            "MATLAB: save their arrays, as by s = struct('t', seconds(T.Time), 'gyro', T.gyro) and "
+            "save('log.mat', '-struct', 's')"
+        )
+    return arrays
+
+
+def _leaves(content: dict[str, Any], prefix: str, depth: int) -> Iterator[tuple[str, Any]]:
+    for name, value in content.items():
+        if hasattr(value, "_fieldnames") and depth:
+            yield from _leaves(
+                {part: getattr(value, part) for part in value._fieldnames}, f"{prefix}{name}/", depth - 1
+            )
+        elif isinstance(value, np.ndarray | int | float) and np.asarray(value).dtype.kind in "iuf":
+            yield f"{prefix}{name}", value

@@ -1,0 +1,140 @@
+"""Files of tables are read by their suffix, and made tables with a column for each channel."""
+
+from __future__ import annotations
+
+import bz2
+import gzip
+import lzma
+import shutil
+import zlib
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from trackfg.errors import BadInputError, first_line
+from trackfg.interchange.importing.columns.calendar_columns import with_whole_dates
+from trackfg.interchange.importing.columns.time_columns import time_columns
+from trackfg.interchange.importing.shapes.channel_tables import by_sensor, with_joined_channels
+from trackfg.interchange.importing.shapes.continued_files import with_joined_files
+from trackfg.interchange.importing.shapes.long_table import wide_tables
+from trackfg.interchange.importing.shapes.missing_values import without_stand_ins
+from trackfg.interchange.importing.shapes.tagged_lines import delimiter_of_tagged, has_sentences, read_tagged
+from trackfg.interchange.importing.source_format import DialectFor
+from trackfg.interchange.importing.source_table import SourceTable
+from trackfg.interchange.importing.sources.columnar import (
+    ARRAY_SUFFIXES,
+    ARROW_SUFFIXES,
+    SQLITE_SUFFIXES,
+    read_arrays,
+    read_arrow,
+    read_sqlite,
+)
+from trackfg.interchange.importing.sources.gnss_log import read_gnss_log
+from trackfg.interchange.importing.sources.records import JSON_SUFFIXES, read_records
+from trackfg.interchange.importing.sources.spreadsheet import SPREADSHEETS, read_spreadsheet
+from trackfg.interchange.importing.text_dialect import in_brackets
+from trackfg.interchange.importing.text_table import read_text
+
+TEXT_SUFFIXES = (".csv", ".txt", ".tsv", ".dat", ".asc", ".log", ".lvm", ".prn")
+GNSS_LOGS = (".ubx", ".nmea")
+"""Logs of a receiver that lie beside the tables."""
+_OPENERS: dict[str, Callable[..., Any]] = {".gz": gzip.open, ".bz2": bz2.open, ".xz": lzma.open}
+"""Compressed files, by the suffix after that of what is in them."""
+
+_READERS: dict[tuple[str, ...], Callable[[Path], list[SourceTable]]] = {
+    SPREADSHEETS: read_spreadsheet,
+    ARROW_SUFFIXES: read_arrow,
+    ARRAY_SUFFIXES: read_arrays,
+    JSON_SUFFIXES: read_records,
+    SQLITE_SUFFIXES: read_sqlite,
+}
+TABLE_SUFFIXES = (*TEXT_SUFFIXES, *(suffix for suffixes in _READERS for suffix in suffixes))
+"""Files that hold tables by themselves."""
+
+
+def holds_tables(name: str) -> bool:
+    """Return whether a file of this name holds tables, perhaps compressed."""
+    return _content_suffix(Path(name)) in TABLE_SUFFIXES
+
+
+def _content_suffix(path: Path) -> str:
+    suffixes = [suffix.casefold() for suffix in path.suffixes]
+    return suffixes[-2] if len(suffixes) > 1 and suffixes[-1] in _OPENERS else (suffixes[-1] if suffixes else "")
+
+
+def read_table_files(
+    files: Sequence[tuple[str, Path]], scratch: Path, dialect_for: DialectFor, *, single: bool = False
+) -> list[SourceTable]:
+    """Read files, each with the name that its tables get; ``single``: the only one is text whatever its suffix.
+
+    ``scratch`` is a folder for what is compressed. Raises :class:`BadInputError`.
+    """
+    tables: list[SourceTable] = []
+    for name, file in files:
+        suffix = _content_suffix(file)
+        if suffix in TABLE_SUFFIXES or suffix in GNSS_LOGS or single:
+            found = _read(_decompressed(file, scratch), suffix, dialect_for)
+            tables += [replace(table, name=_renamed(table.name, file, name)) for table in found]
+    made = [part for table in tables for part in _by_channel(table)]
+    return with_joined_files(with_joined_channels(made))
+
+
+def _renamed(table: str, file: Path, name: str) -> str:
+    """Return a table's name with the name of its file in the source, which a folder of a zip may come before."""
+    own = file.name.removesuffix(file.suffix) if file.suffix.casefold() in _OPENERS else file.name
+    return name.removesuffix(file.name) + own + table.removeprefix(own) if table.startswith(own) else table
+
+
+def _read(file: Path, suffix: str, dialect_for: DialectFor) -> list[SourceTable]:
+    reader = next((read for suffixes, read in _READERS.items() if suffix in suffixes), None)
+    if reader is not None:
+        return [_with_units(table) for table in reader(file)]
+    if suffix in GNSS_LOGS:
+        return [read_gnss_log(file)]
+    options = dialect_for(file.name)
+    receiver = _among_lines(file) if has_sentences(file) else []
+    delimiter = None if options is not None else delimiter_of_tagged(file)
+    if delimiter is not None:
+        return [*read_tagged(file, delimiter), *receiver]
+    return [read_text(file, options), *receiver]
+
+
+def _among_lines(file: Path) -> list[SourceTable]:
+    """Return the positions of a receiver's sentences among other lines; none where they have no position."""
+    try:
+        return [read_gnss_log(file)]
+    except BadInputError:
+        return []
+
+
+def _with_units(table: SourceTable) -> SourceTable:
+    """Return a table with the units that its names have in brackets."""
+    named = {name: in_brackets(name) for name in table.columns}
+    units = {plain: unit for plain, unit in named.values() if unit} | dict(table.units)
+    plain = [name for name, _ in named.values()]
+    if len(set(plain)) < len(plain):
+        return table
+    return replace(table, frame=table.frame.set_axis(plain, axis=1), units=units)
+
+
+def _by_channel(table: SourceTable) -> list[SourceTable]:
+    table = with_whole_dates(table)
+    time = time_columns(table)
+    wide = wide_tables(table, time[0] if time is not None and len(time) == 1 else None)
+    parts = by_sensor(table) if wide[0] is table else wide
+    return [without_stand_ins(part) for part in parts]
+
+
+def _decompressed(file: Path, scratch: Path) -> Path:
+    """Return a file, or its content in ``scratch`` where it is compressed. Raises :class:`BadInputError`."""
+    opener = _OPENERS.get(file.suffix.casefold())
+    if opener is None:
+        return file
+    target = scratch / file.stem
+    try:
+        with opener(file, "rb") as source, target.open("wb") as out:
+            shutil.copyfileobj(source, out, 1 << 20)
+    except (OSError, EOFError, ValueError, lzma.LZMAError, zlib.error) as error:
+        raise BadInputError(f"{file.name}: cannot be unpacked ({first_line(error)}); expected {file.suffix}") from error
+    return target

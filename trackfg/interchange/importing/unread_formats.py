@@ -1,0 +1,91 @@
+"""Formats that are not read are named, each with what turns it into one that is."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+_HEAD_BYTES = 4096
+
+_BY_CONTENT: tuple[tuple[re.Pattern[bytes], str, str], ...] = (
+    (
+        re.compile(rb"ULog\x01\x12\x35"),
+        "a ULog of PX4",
+        "ulog2csv (pyulog) writes a CSV of each topic: import that folder",
+    ),
+    (
+        re.compile(rb"\xa3\x95\x80"),
+        "a log of ArduPilot",
+        "mavlogdump.py --format csv --types IMU (pymavlink) writes CSV",
+    ),
+    (
+        re.compile(rb"\s*[%#](RAWIMU\w*A|IMURATE\w*A|CORRIMU\w*A|INSPVA\w*A|MARK\w+A),"),
+        "a log of NovAtel in ASCII",
+        "its samples are counts, whose scales the manual has for each IMU: NovAtel Convert or novatel-edie write CSV; "
+        'with the scales as gyro_unit and accel_unit (such as "0.1 mdeg") in a mapping that imports',
+    ),
+    (re.compile(rb"\xaa\x44[\x12\x13\xb5]"), "a binary log of NovAtel", "novatel-edie or NovAtel Convert write CSV"),
+    (
+        re.compile(rb"\s*\$VN[A-Z]{3},"),
+        "a log of VectorNav in ASCII",
+        "its sentences have no times: record binary messages with TimeStartup, and export these as CSV; or name the "
+        'columns of a CSV by a mapping with time = "row number"',
+    ),
+    (re.compile(rb"\xfa\xff"), "a binary log of Xsens (.mtb)", "MT Manager exports it as text (.txt)"),
+    (re.compile(rb"LOGG"), "a BLF of Vector's CANoe", "python-can and cantools decode it to CSV, or asammdf to MDF"),
+    (re.compile(rb"\d?\|?CF,\d,\d,"), "a file of imc FAMOS", "imc FAMOS exports it as MDF, TDMS or text"),
+    (re.compile(rb"DIAEXTENDED|DIAdem"), "a header of DIAdem (.dat with .r64)", "DIAdem saves it as TDMS"),
+    (
+        re.compile(rb"\xd4\xc3\xb2\xa1|\xa1\xb2\xc3\xd4|\x0a\x0d\x0d\x0a"),
+        "a capture of a network (pcap)",
+        "export its decoded values as CSV",
+    ),
+    (re.compile(rb"SQLite format 3\x00"), "a SQLite database", "give it the suffix .db or .sqlite"),
+    (re.compile(rb"PAR1"), "a Parquet file", "give it the suffix .parquet"),
+    (re.compile(rb"\x28\xb5\x2f\xfd"), "a file compressed by Zstandard", "unpack it: zstd -d"),
+    (re.compile(rb"7z\xbc\xaf"), "a 7z archive", "unpack it, and import the folder"),
+    (re.compile(rb"Rar!"), "a RAR archive", "unpack it, and import the folder"),
+    (re.compile(rb"%PDF"), "a PDF", "take the table that it was made of"),
+    (re.compile(rb".{8}\.FIT|.{8}fit", re.DOTALL), "a FIT file of a sports watch", "FitCSVTool writes CSV"),
+    (
+        re.compile(rb"\s*<\?xml.*<gpx\b|\s*<gpx\b", re.DOTALL),
+        "a GPX track",
+        "it has positions without an inertial sensor",
+    ),
+)
+_BY_SUFFIX: dict[str, tuple[str, str]] = {
+    ".ods": ("a spreadsheet of OpenDocument", "save it as .xlsx or .csv"),
+    ".numbers": ("a spreadsheet of Numbers", "export it as .xlsx or .csv"),
+    ".xlsb": ("a binary workbook", "save it as .xlsx or .csv"),
+    ".pkl": ("a pickle, which can run any code", "write it as Parquet: DataFrame.to_parquet"),
+    ".pickle": ("a pickle, which can run any code", "write it as Parquet: DataFrame.to_parquet"),
+    ".rds": ("a file of R", "write it as CSV: write.csv"),
+    ".rdata": ("a file of R", "write it as CSV: write.csv"),
+    ".ulg": ("a ULog of PX4", "ulog2csv (pyulog) writes a CSV of each topic: import that folder"),
+    ".dwd": ("a file of Dewesoft", "Dewesoft X exports it as MDF, TDMS or text"),
+    ".dxd": ("a file of Dewesoft", "Dewesoft X exports it as MDF, TDMS or text"),
+    ".d7d": ("a file of Dewesoft", "Dewesoft X exports it as MDF, TDMS or text"),
+    ".blf": ("a BLF of Vector's CANoe", "python-can and cantools decode it to CSV, or asammdf to MDF"),
+    ".rinex": ("a RINEX file", "it has raw observations: solve them, as with RTKLIB, and import the positions"),
+    ".obs": ("a RINEX file", "it has raw observations: solve them, as with RTKLIB, and import the positions"),
+    ".bin": ("a binary file of unknown content", "export it as CSV with the logger's own tool"),
+    ".raw": ("a binary file of unknown content", "export it as CSV with the logger's own tool"),
+}
+
+
+def unread_format(path: Path) -> str | None:
+    """Return what a file is that is not read, and what to do with it; None where that is not known. Never raises."""
+    if not path.is_file():
+        return None
+    try:
+        with path.open("rb") as stream:
+            head = stream.read(_HEAD_BYTES)
+    except OSError:
+        return None
+    found = next(((name, hint) for pattern, name, hint in _BY_CONTENT if pattern.match(head)), None)
+    found = found or _BY_SUFFIX.get(path.suffix.casefold())
+    return (
+        None
+        if found is None
+        else f"{path}: is {found[0]}, which is not read; expected a format that is. Hint: {found[1]}"
+    )
