@@ -67,6 +67,12 @@ class Scenario(KeyFigures):
     Chainage is the origin's plus ``direction`` times the arc length; with ``both_ways`` the odd runs go back.
     ``runs_per_vehicle`` runs one after the other are of one vehicle, which keeps its wheel and its IMU in its mounting.
     ``effects`` happen one after the other; the truth is that of the ride, which none of them changes after it is made.
+
+    Examples
+    --------
+    >>> from trackfg.datasets import scenarios
+    >>> scenarios()["mainline"]
+    <Scenario mainline: a local train between stations some 4 km apart, R 300-1200, with a balise every 5 km, 3600 s>
     """
 
     name: str

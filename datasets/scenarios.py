@@ -55,6 +55,15 @@ class Simulation(Outlined):
     ``truth_geometry`` is the track's geometry where the run went (:mod:`trackfg.datasets.line.truth_geometry`).
     Constants of the run are fields; ``ride`` gives everything about the vehicle at any time, ``track`` about the track
     at any place.
+
+    Examples
+    --------
+    >>> from trackfg.datasets import simulate
+    >>> run = simulate("mainline", seed=1, duration_s=30.0)
+    >>> run.recording
+    <Recording mainline-seed1-run0: 30.0 s, imu 6000 rows at 200 Hz, tach 1501 rows>
+    >>> round(run.wheel_scale, 4)  # the wheel's true distance over its nominal one
+    1.0045
     """
 
     recording: Recording

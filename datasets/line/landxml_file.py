@@ -149,6 +149,8 @@ def open_landxml(path: Path | str) -> Node:
     namespace, name = _name(root)
     if name != "LandXML" or namespace not in NAMESPACES:
         wish = f"expected LandXML of namespace {', '.join(NAMESPACES)}"
+        if name.casefold() == "railml":
+            wish += ". Hint: of railML write netElements and netRelations as GeoJSON (docs/known-line.md)"
         raise BadInputError(f"{path}: its root is {name} of namespace {namespace!r}: {wish}")
     return Node(root, str(path), "LandXML")
 

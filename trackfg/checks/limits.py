@@ -11,6 +11,13 @@ class CheckLimits:
 
     A gap is the time between two successive rows. The smoother bridges an IMU gap by the tach and its priors; beyond
     ``imu_gap_error_s`` attitude is as good as lost, and two recordings serve better than one.
+
+    Examples
+    --------
+    >>> import trackfg
+    >>> from trackfg.io.check import CheckLimits
+    >>> trackfg.check_recording("run1", CheckLimits(imu_gap_warning_s=0.1)).usable
+    True
     """
 
     imu_gap_warning_s: float = 0.5

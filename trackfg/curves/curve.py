@@ -34,6 +34,15 @@ class Curve:
     ``covariance`` (6, 6) is that of :data:`QUANTITIES`, NaN for what is not known: neighbouring points err together,
     and the middle of a transition is known far better than its ends. ``law_in_probability`` and ``law_out_probability``
     say how sure the laws are. A law is "none" without transition and "unseen" beyond the profile's ends.
+
+    Examples
+    --------
+    >>> from trackfg.curves import find_curves
+    >>> from trackfg.datasets import simulate
+    >>> designed = simulate("mainline", seed=1, duration_s=90.0).truth_geometry
+    >>> curve = find_curves(designed.assign(curvature_1pm_sd=1e-5))[0]
+    >>> curve.id, curve.sense, round(curve.radius_m)
+    (1, 'left', 581)
     """
 
     id: int

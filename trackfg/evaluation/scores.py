@@ -8,12 +8,12 @@ from __future__ import annotations
 
 import numpy as np
 import pandas as pd
-from scipy import stats
+from scipy.special import ndtri, stdtrit
 
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.units import KMH
 
-COVERED = float(stats.norm.ppf(0.975))
+COVERED = float(ndtri(0.975))
 """Half the width of the interval that holds 95 %, in sigmas."""
 
 PLACE = ("chainage_m", "speed_mps")
@@ -120,7 +120,7 @@ def margin(values: Array) -> float:
     """Return half the width of the 95 % interval of the mean (Student's t); NaN for one value."""
     if len(values) < 2:
         return np.nan
-    return float(stats.t.ppf(0.975, len(values) - 1) * values.std(ddof=1) / np.sqrt(len(values)))
+    return float(stdtrit(len(values) - 1, 0.975) * values.std(ddof=1) / np.sqrt(len(values)))
 
 
 def _mean_square_root(values: pd.Series[float], weights: Array | None = None) -> float:

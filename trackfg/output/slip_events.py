@@ -159,11 +159,11 @@ def _moved_variance(sources: EventSources, states: States, covariance: Covarianc
     i = max(int(np.searchsorted(sources.t, start, side="right")) - 1, 0)
     j = min(int(np.searchsorted(sources.t, end)), len(sources.t) - 1)
     odo = offset_in_keyframe(Kind.ODO)
-    at_i, at_j = np.zeros((2, covariance.marginal.shape[1]))
+    at_i, at_j = np.zeros((2, covariance.of_keyframes.shape[2]))
     at_i[odo + Odo.DISTANCE], at_j[odo + Odo.DISTANCE] = 1.0, -1.0
     at_j[odo + Odo.SCALE] = states.odo.count[j] - states.odo.count[i]
     cross = at_i @ covariance.between(i, j) @ at_j
-    variance = at_i @ covariance.marginal[i] @ at_i + at_j @ covariance.marginal[j] @ at_j + 2.0 * cross
+    variance = at_i @ covariance.at(i) @ at_i + at_j @ covariance.at(j) @ at_j + 2.0 * cross
     return max(float(variance), 0.0)
 
 

@@ -16,7 +16,7 @@ import pandas as pd
 from scipy.ndimage import uniform_filter1d
 
 from trackfg.factors.states import States
-from trackfg.geometry.bands import Band, band_pass
+from trackfg.geometry.bands import Band, band_pass, end_margin_m
 from trackfg.geometry.curvature import curvature
 from trackfg.geometry.gradient import gradient
 from trackfg.geometry.twist import twist
@@ -79,6 +79,12 @@ def geometry_table(
             tables.append(pd.DataFrame(columns, columns=names)[free])
             taken = np.concatenate([taken, profile.cell[free]])
     return pd.concat(tables, ignore_index=True).sort_values("chainage_m", ignore_index=True)
+
+
+def reach_m(meaning: GeometryConventions) -> float:
+    """Return how far from a place the values of its row depend on the profile, to either side, m."""
+    band = end_margin_m(meaning.step_m, Band(*meaning.band_m))
+    return max(band, meaning.twist_base_m, 0.5 * meaning.gradient_base_m, meaning.chord_m)
 
 
 @dataclass(frozen=True)

@@ -9,14 +9,17 @@ from trackfg.factors.motion import mount_axes, mount_matrix, tracking_point
 from trackfg.factors.states import KEYFRAME_DIM, SHARED_DIM, Kind, Odo, States, offset_in_keyframe
 from trackfg.graph.run_context import RunContext
 from trackfg.numerics.arrays import Array
-from trackfg.numerics.rotations import euler_rates, rpy_from_matrix, skew
+from trackfg.numerics.rotations import cross, euler_rates, rpy_from_matrix, skew
 from trackfg.output.dense_motion import DenseMotion
 from trackfg.solver.covariance import Covariance
 
 QUANTITIES = ("chainage_m", "east_m", "north_m", "up_m", "speed_mps", "roll_rad", "pitch_rad", "yaw_rad")
 
-_POINT = slice(KEYFRAME_DIM + 2, KEYFRAME_DIM + 5)
-"""The place of the point that follows the track, among a keyframe's and the shared variables."""
+_SHARED_POINT = slice(2, 5)
+"""The place of the point that follows the track, among the shared variables."""
+
+_POINT = slice(KEYFRAME_DIM + _SHARED_POINT.start, KEYFRAME_DIM + _SHARED_POINT.stop)
+"""The same among a keyframe's and the shared variables."""
 
 
 def trajectory_table(run: RunContext, motion: DenseMotion, states: States, covariance: Covariance) -> pd.DataFrame:
@@ -42,7 +45,7 @@ def trajectory_columns(
     lever_arm, noise = run.lever_arm, run.noise
     p = nav.p - nav.R @ lever_arm
     arm = lever_arm - tracking_point(states.mount)[0]
-    on_track = nav.own_velocity - np.cross(motion.gyro, arm)
+    on_track = nav.own_velocity - cross(motion.gyro, arm[None])
     forward = R_bt[:, 0]
     columns = [run.direction * motion.distance, *p.T, on_track @ forward, *rpy.T]
 
@@ -56,8 +59,8 @@ def trajectory_columns(
     accel, gyro = np.mean(noise.accel**2, axis=1)[k], noise.gyro[k] ** 2
     between[:, :4] += (accel * bridge**3 / 3.0 + swing)[:, None]
     between[:, 4] += accel * bridge + gyro @ (skew(arm) @ forward) ** 2 / motion.gyro_span
-    swung, with_speed = np.cross(forward, motion.gyro), spread[:, 4, _POINT]
-    between[:, 4] += np.einsum("mi,ij,mj->m", swung, covariance.leading(_POINT.stop)[0, _POINT, _POINT], swung)
+    swung, with_speed = cross(forward[None], motion.gyro), spread[:, 4, _POINT]
+    between[:, 4] += np.einsum("mi,ij,mj->m", swung, covariance.of_shared[_SHARED_POINT, _SHARED_POINT], swung)
     between[:, 4] += 2.0 * np.sum((with_speed[k] * (1.0 - f) + with_speed[k + 1] * f) * swung, axis=1)
     between[:, 5:8] += gyro * bridge[:, None]
     sigma = np.sqrt(between)
@@ -79,7 +82,7 @@ def calibration_table(response: Array, motion: DenseMotion, states: States, cova
     J[:, 1:, bias : bias + 6] = np.eye(6)
     J[:, 1:, imu : imu + Kind.IMU.dim] = -response
     values = np.column_stack([states.odo.scale, own])
-    variance = np.einsum("nij,njk,nik->ni", J, covariance.leading(J.shape[2]), J, optimize=True)
+    variance = np.einsum("nij,nij->ni", covariance.propagated(J), J)
     names = ["wheel_scale"]
     names += [f"accel_bias_{axis}_mps2" for axis in "xyz"] + [f"gyro_bias_{axis}_radps" for axis in "xyz"]
     k, f = motion.keyframe, motion.fraction[:, None]
@@ -101,7 +104,7 @@ def keyframe_variances(states: States, covariance: Covariance, lever_arm: Array,
 def _propagated(states: States, covariance: Covariance, lever_arm: Array) -> tuple[Array, Array]:
     """Return :func:`keyframe_jacobian`, and the covariance of the quantities with its variables, (n, 8, d) each."""
     J = keyframe_jacobian(states, lever_arm)
-    return J, J @ covariance.leading(J.shape[2])
+    return J, covariance.propagated(J)
 
 
 def _variances(J: Array, spread: Array, mount_roll_sd: float) -> Array:

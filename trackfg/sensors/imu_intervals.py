@@ -19,12 +19,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trackfg.numerics.arrays import Array
+from trackfg.numerics.kernels import compiled_kernels, kernel_argument
 from trackfg.numerics.key_figures import Outlined
 from trackfg.numerics.rotations import cross, matrix_from_quaternion, quaternion_exp, quaternion_log
 from trackfg.numerics.spans import median_interval, true_runs
 from trackfg.recording.model import Recording
 
 _NO_BIAS = np.zeros(3)
+_AT_REST_M = 1e-3
+"""An interval over which the vehicle moves less, m, has no length to average over."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -48,6 +51,11 @@ class Intervals(Outlined):
     def durations(self) -> Array:
         """Length of each interval, s."""
         return np.diff(self.edges)
+
+    @cached_property
+    def usual_duration(self) -> float:
+        """Median length of the intervals, s."""
+        return float(np.median(self.durations))
 
     def gaps(self) -> Array:
         """Bridged spans as rows (start, end), s. Shape (g, 2)."""
@@ -93,6 +101,12 @@ def laid_out(t: Array, gyro: Array, accel: Array, dt: float, begin: float | None
 
 def means_around(t: Array, width_s: float, edges: Array, samples: Array) -> Array:
     """Means of the samples (n, 3) between ``edges`` (n + 1,) over ``width_s`` s around each ``t``. Shape (m, 3)."""
+    if compiled_kernels():
+        from trackfg.numerics import compiled
+
+        means = np.empty((len(t), 3))
+        compiled.means_around(kernel_argument(t), width_s, kernel_argument(edges), kernel_argument(samples), means)
+        return means
     ends = np.clip([t - 0.5 * width_s, t + 0.5 * width_s], edges[0], edges[-1])
     durations, integral, out = np.diff(edges), np.zeros(len(edges)), np.empty((len(t), 3))
     for axis in range(3):
@@ -122,6 +136,16 @@ def compress(data: Intervals, starts: np.ndarray, gyro_bias: Array = _NO_BIAS) -
     The increments are those of the raw samples, biases included, but the specific force is turned by the rate less
     ``gyro_bias`` (3,), rad/s: a bias of 1e-3 rad/s would look like an acceleration of 1e-4 m/s^2 over 0.02 s.
     """
+    if compiled_kernels():
+        from trackfg.numerics import compiled
+
+        count = len(starts) - 1
+        own = Increments(np.empty(count), np.empty((count, 3)), np.empty((count, 3)))
+        part = data.take(slice(int(starts[0]), int(starts[-1])))  # what is not laid out by rows is copied
+        edges, gyro, accel, bias = map(kernel_argument, (part.edges, part.gyro, part.accel, gyro_bias))
+        groups = (starts - starts[0]).astype(np.int64)
+        compiled.compress(edges, gyro, accel, groups, bias, own.duration, own.rotation, own.velocity)
+        return own
     first, counts = starts[:-1], np.diff(starts)
     duration = np.diff(data.edges[starts])
     if counts.max(initial=0) <= 1:
@@ -208,13 +232,21 @@ def turning(data: Intervals, keyframes: np.ndarray, gyro_bias: Array, distance: 
     ``keyframes`` (m + 1,) index ``data.edges``; ``gyro_bias`` (3,) rad/s is taken out; ``distance`` (n + 1,) m at the
     edges. An interval without distance is averaged over time. The trapezoid rule at every sample.
     """
+    if compiled_kernels():
+        from trackfg.numerics import compiled
+
+        attitudes = Turning(*np.empty((3, len(keyframes) - 1, 3, 3)))
+        edges, gyro, bias, way = map(kernel_argument, (data.edges, data.gyro, gyro_bias, distance))
+        turned = attitudes.turn, attitudes.mean, attitudes.mean_by_time
+        compiled.turning(edges, gyro, keyframes.astype(np.int64), bias, way, _AT_REST_M, *turned)
+        return attitudes
     first, counts = keyframes[:-1], np.diff(keyframes)
     span, length = np.diff(data.edges[keyframes]), np.diff(distance[keyframes])
-    moving = np.abs(length) > 1e-3
-    own, samples = np.repeat(np.arange(len(first)), counts), slice(keyframes[0], keyframes[-1])
+    moving = np.abs(length) > _AT_REST_M
+    own, within = np.repeat(np.arange(len(first)), counts), slice(keyframes[0], keyframes[-1])
     edges = data.edges[keyframes[0] : keyframes[-1] + 1]
     dt, gone = np.diff(edges), np.diff(distance[keyframes[0] : keyframes[-1] + 1])
-    before, whole = running_turn(keyframes - keyframes[0], (data.gyro[samples] - gyro_bias) * dt[:, None])
+    before, whole = running_turn(keyframes - keyframes[0], (data.gyro[within] - gyro_bias) * dt[:, None])
     # Weights of the attitude before each sample: half of the sample's share, and half of that of the one before it.
     share = np.where(moving[own], gone / np.where(moving, length, 1.0)[own], dt / span[own])
     late = (edges[:-1] - data.edges[first][own]) / span[own]
@@ -238,7 +270,7 @@ def increment_starts(
     Returns the increments' starts as indices into ``data.edges``, with the last end appended, and for each keyframe the
     position of its first increment in that list.
     """
-    group = max(1, int(duration / float(np.median(data.durations)) + 1e-6))
+    group = max(1, int(duration / data.usual_duration + 1e-6))
     counts = -(-np.diff(edges) // group)
     offset = np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)
     starts = np.append(np.repeat(edges[:-1], counts) + group * offset, edges[-1])

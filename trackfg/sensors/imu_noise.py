@@ -38,6 +38,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from scipy.ndimage import median_filter, uniform_filter1d
 
 from trackfg.numerics.arrays import Array
+from trackfg.numerics.kernels import compiled_kernels, kernel_argument
 from trackfg.numerics.key_figures import Outlined
 from trackfg.numerics.robust import SD_PER_MAD, robust_sd
 from trackfg.numerics.spans import true_stretches, within
@@ -113,6 +114,14 @@ _SHOCK_S = 0.2
 _SHOCK_LIMIT = 3.0
 """Of the rms of what the shocks of a run sum up to along the vehicle: beyond it, across and upwards, it is motion."""
 
+_LIMITS = np.array(
+    [
+        *(_SCATTER, EULER, _SAME, _LONGER, _EXTREMES, _FINE_STEPS, _NEAR_EXTREME),
+        *(_SHOCK_SIGMAS * SD_PER_MAD, _SHOCK_PAUSE_S, _SHOCK_S, _SHOCK_LIMIT),
+    ]
+)
+"""As ``kernels/noise.cpp`` takes them."""
+
 
 @dataclass(frozen=True, repr=False)
 class WhiteNoise(Outlined):
@@ -162,12 +171,14 @@ class NoiseFloor:
     @classmethod
     def of(cls, data: Intervals) -> NoiseFloor:
         """Look at all samples of a record; of one shorter than a block nothing is said."""
-        length = 2 ** round(np.log2(max(min(_BLOCK_S / float(np.median(data.durations)), len(data)), 1.0)))
+        length = 2 ** round(np.log2(max(min(_BLOCK_S / data.usual_duration, len(data)), 1.0)))
         length = length if length <= len(data) else length // 2
         if length < _SHORTEST_BLOCK:
             nowhere = np.zeros(0), np.zeros((0, 6))
             return cls(data.edges[[0, -1]], np.zeros((1, 6)), *nowhere, *nowhere)
         blocks = _Blocks.of(data, length)
+        if compiled_kernels():
+            return cls(blocks.knots, *blocks.by_kernel())
         return cls(blocks.knots, np.maximum(blocks.floor(), blocks.rounding()), *blocks.hidden(), *blocks.shocks())
 
     def with_rests(self, data: Intervals, rests: Array) -> NoiseFloor:
@@ -221,7 +232,7 @@ def vibration_power(data: Intervals) -> Array:
 
     That is the mean square, over some seconds, of what is faster than the motion of a vehicle on its springs.
     """
-    fast, lasting = (max(3, round(span / float(np.median(data.durations)))) for span in (_MOTION_S, _STEADY_S))
+    fast, lasting = (max(3, round(span / data.usual_duration)) for span in (_MOTION_S, _STEADY_S))
     power = np.empty_like(data.accel)
     for axis, force in enumerate(data.accel.T):
         shaking = force - uniform_filter1d(force, fast)
@@ -237,17 +248,38 @@ class _Blocks:
     """
 
     data: Intervals
-    channels: Array
-    dt: float
     length: int
     starts: np.ndarray
 
     @classmethod
     def of(cls, data: Intervals, length: int) -> _Blocks:
         last = len(data) - length
-        starts = np.append(np.arange(0, last, length // 2), last)
-        channels = np.concatenate([data.gyro.T, data.accel.T])
-        return cls(data, channels, float(np.median(data.durations)), length, starts)
+        return cls(data, length, np.append(np.arange(0, last, length // 2), last))
+
+    @property
+    def dt(self) -> float:
+        """The sampling interval, s."""
+        return self.data.usual_duration
+
+    @cached_property
+    def channels(self) -> Array:
+        return np.concatenate([self.data.gyro.T, self.data.accel.T])
+
+    def by_kernel(self) -> tuple[Array, ...]:
+        """Return what :meth:`floor`, :meth:`rounding`, :meth:`hidden` and :meth:`shocks` do."""
+        from trackfg.numerics import compiled
+
+        data, count = self.data, len(self.data)
+        edges, gyro, accel = map(kernel_argument, (data.edges, data.gyro, data.accel))
+        seen, lost, shock = np.empty((len(self.starts), 6)), np.empty((count, 6)), np.empty((count, 6))
+        lost_rows, shock_rows = np.empty((2, count), dtype=np.int64)
+        found, shown = compiled.noise_floor(
+            *(edges, gyro, accel, np.ascontiguousarray(data.bridged), self.starts, self.length, self.dt),
+            *(_LIMITS, seen, lost_rows, lost, shock_rows, shock),
+        )
+        rows = shock_rows[:shown]
+        shock_t = 0.5 * (data.edges[rows] + data.edges[rows + 1])
+        return seen, data.edges[lost_rows[:found]], lost[:found].copy(), shock_t, shock[:shown].copy()
 
     def samples(self, blocks: np.ndarray | slice) -> Array:
         """Return the samples of some blocks, shape (blocks, 6, length)."""

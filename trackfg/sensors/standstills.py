@@ -69,6 +69,9 @@ _TOLERANCE = np.array([2e-3] * 3 + [0.05] * 3 + [0.02])
 Chosen on simulated runs.
 """
 
+_CRAWL_MPS = 1.0
+"""Slowest motion that positions have to tell from a rest, m/s: walking pace, which may be as steady as a rest."""
+
 _SCATTER_LIMITS = (0.02, 0.3)
 """rad/s, m/s^2: without a tach nothing that shakes more than this is called at rest."""
 
@@ -300,8 +303,8 @@ def _of_one_rate(samples: _Samples, spans: list[Span]) -> list[Span]:
 
 
 def _gnss_stays(gnss: pd.DataFrame | None, span: Span) -> bool:
-    """Return whether the positions of a span, half of them at least, lie within 3 sigma of their median; True without
-    GNSS.
+    """Return whether half of the positions of a span or more lie within 3 sigma of their median, and a crawl of
+    :data:`_CRAWL_MPS` would differ from 0 by 3 sigma of the speed that they give; True without GNSS.
     """
     if gnss is None:
         return True
@@ -309,4 +312,8 @@ def _gnss_stays(gnss: pd.DataFrame | None, span: Span) -> bool:
     if len(seen) < 2:
         return False
     place, sd = seen[["east_m", "north_m"]].to_numpy(), seen[["east_sd_m", "north_sd_m"]].to_numpy()
+    t = seen["t_s"].to_numpy()
+    # least squares: the speed of a line through the positions has the variance 1 / sum((t - mean t)^2 / sd^2)
+    if np.linalg.norm((t - t.mean()) / sd.max(axis=1)) < 3.0 / _CRAWL_MPS:
+        return False
     return bool((np.median(np.abs(place - np.median(place, axis=0)) / sd, axis=0) < 3.0).all())

@@ -7,6 +7,10 @@ to a kilometre. The level is the most likely one,
     sum log((1 - P) N(e; 0, v) + P / R) - n0 / 2 (log k^2 + 1 / k^2)  ->  max,
 
 where the second part stands for n0 fixes whose declared sigmas are right.
+
+Errors that are smaller than v expects do not say which of its parts is too large: sensors that are better than declared
+predict better, too. So v is ``k^2 s^2`` alone for levels below 1: only fixes that are off by less than they declare,
+whatever predicts them, are better than that.
 """
 
 from __future__ import annotations
@@ -35,7 +39,7 @@ def fix_level(error: Array, sigma: Array, predicted: Array) -> float:
 
     def likelihood(log_levels: Array) -> Array:
         square = np.exp(2.0 * log_levels)[:, None]
-        variance = square * sigma**2 + predicted
+        variance = square * sigma**2 + np.where(square < 1.0, 0.0, predicted)
         right = np.log1p(-_WRONG) - 0.5 * (error**2 / variance + np.log(2.0 * np.pi * variance))
         of_fixes = np.logaddexp(right, np.log(_WRONG / _RANGE_M)).sum(axis=1)
         return np.asarray(of_fixes - 0.5 * _DECLARED_WEIGHT * (np.log(square) + 1.0 / square)[:, 0])

@@ -144,7 +144,7 @@ def _points(run: SolvedRun, keyframes: np.ndarray) -> Points:
     east = QUANTITIES.index("east_m")
     J = keyframe_jacobian(run.solution.states, run.problem.run.lever_arm)[keyframes, east : east + 2]
     size = J.shape[2]
-    variance = J @ run.covariance.leading(size)[keyframes] @ np.swapaxes(J, 1, 2)
+    variance = J @ run.covariance.at(keyframes)[:, :size, :size] @ np.swapaxes(J, 1, 2)
     between = [run.covariance.between(i, j)[:size, :size] for i, j in itertools.pairwise(keyframes.tolist())]
     covariance = J[:-1] @ np.reshape(between, (-1, size, size)) @ np.swapaxes(J[1:], 1, 2)
     return Points(_places(run, keyframes), variance, covariance)

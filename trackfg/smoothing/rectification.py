@@ -21,7 +21,7 @@ import numpy as np
 from trackfg.factors.bias import RECTIFICATION
 from trackfg.factors.factor_type import FactorType
 from trackfg.factors.family import Family, changed
-from trackfg.factors.states import Kind, offset_in_keyframe
+from trackfg.factors.states import KEYFRAME_DIM, Kind, offset_in_keyframe
 from trackfg.numerics.arrays import Array
 from trackfg.recording.findings import Finding
 from trackfg.results.verdict import Doubt
@@ -55,7 +55,7 @@ def rectification(run: SolvedRun) -> Reassessment:
     sd, first = prior.sigma[0, RECTIFICATION], declared.sigma[0, RECTIFICATION]
     start = offset_in_keyframe(Kind.IMU)
     columns = np.arange(start, start + Kind.IMU.dim)[RECTIFICATION]
-    alone, variance = prior_left_out(k, run.covariance.marginal[0, columns, columns], sd, _LEAST_FREE)
+    alone, variance = prior_left_out(k, np.diagonal(run.covariance.of_shared)[columns - KEYFRAME_DIM], sd, _LEAST_FREE)
     sigmas = np.abs(alone) / np.sqrt(first**2 + variance)
     most, wanted = np.maximum(_MOST, first), sd
     if (far := sigmas > _FAR_SIGMAS).any():

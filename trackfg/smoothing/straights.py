@@ -23,7 +23,11 @@ _BASE_M = 50.0
 cant begins before the curvature shows."""
 
 _STRAIGHT_1PM = 2e-4
-"""Curvature below which track is straight: at R 5000 and 40 m/s the whole cant would be 33 mrad, and none is usual."""
+"""Curvature below which track is straight, 1/m."""
+
+_UNCANTED_MPS2 = 1600.0 * _STRAIGHT_1PM
+"""Lateral acceleration v^2 / R, m/s^2, up to which a curve has no cant: at R 5000 and 40 m/s the whole cant would be 33
+mrad, and none is usual. Lines for 80 m/s have 100 mm and more at R 9000 (EN 13803)."""
 
 _REACH = round(_BASE_M / STEP_M)
 MARGIN = _REACH + _REACH // 2
@@ -56,7 +60,7 @@ def _roll_on_straights(run: SolvedRun) -> tuple[float, float]:
     there is not way enough.
     """
     at = passage(run)
-    on_straight = straight(at.heading)
+    on_straight = straight(at.heading, straightest(_fastest(at)))
     if len(at.roll) * STEP_M < SHORTEST_M:
         return 0.0, 0.0
     if np.sum(on_straight) * STEP_M < SHORTEST_M:
@@ -73,7 +77,7 @@ def roll_at_no_curvature(at: Passage) -> tuple[float, float]:
     half = round(0.5 * _BASE_M / STEP_M)
     curvature = chord_curvature(at.heading, half)
     roll = at.roll[half : len(at.roll) - half]
-    curved = np.abs(curvature) > _STRAIGHT_1PM
+    curved = np.abs(curvature) > straightest(_fastest(at))
     if np.mean(curved) < _CURVED or curved.all():
         return 0.0, 0.0
     mean = float(curvature.mean())
@@ -86,15 +90,26 @@ def roll_at_no_curvature(at: Passage) -> tuple[float, float]:
     return float(roll.mean() - slope * mean), float(np.sqrt(variance))
 
 
-def straight(heading: Array) -> np.ndarray:
+def straight(heading: Array, limit: Array) -> np.ndarray:
     """Return which cells, :data:`STEP_M` apart, are on a straight, and as far from its ends as the base is long.
 
-    What is beyond the ends of ``heading`` (n,), rad, counts as curved. Returns (n,).
+    What is beyond the ends of ``heading`` (n,), rad, counts as curved, and so does a curvature above ``limit`` (n,) or
+    (), 1/m. Returns (n,).
     """
     curved, half = np.ones(len(heading), dtype=np.int64), _REACH // 2
-    curved[half : len(heading) - half] = np.abs(chord_curvature(heading, half)) > _STRAIGHT_1PM
+    within = slice(half, len(heading) - half)
+    curved[within] = np.abs(chord_curvature(heading, half)) > np.broadcast_to(limit, len(heading))[within]
     total = np.concatenate([[0], np.cumsum(np.pad(curved, _REACH, constant_values=1))])
     return np.asarray(total[2 * _REACH + 1 :] == total[: -2 * _REACH - 1])
+
+
+def straightest(fastest: Array) -> Array:
+    """Return the curvature, 1/m, up to which a line has no cant where vehicles are as fast as this, m/s."""
+    return np.asarray(np.minimum(_STRAIGHT_1PM, _UNCANTED_MPS2 / np.maximum(fastest, 1.0) ** 2))
+
+
+def _fastest(at: Passage) -> Array:
+    return np.asarray(np.abs(at.speed).max(initial=0.0, keepdims=True))
 
 
 def unexplained_roll(roll: float, variance: float) -> float:

@@ -14,7 +14,15 @@ import pandas as pd
 from trackfg.numerics.arrays import Array
 from trackfg.results.events import DOUBT, Event
 from trackfg.smoothing.passage import STEP_M
-from trackfg.smoothing.straights import MARGIN, NOTICED_RAD, SHORTEST_M, in_words, straight, unexplained_roll
+from trackfg.smoothing.straights import (
+    MARGIN,
+    NOTICED_RAD,
+    SHORTEST_M,
+    in_words,
+    straight,
+    straightest,
+    unexplained_roll,
+)
 
 _SIGMAS = 3.3
 """Of the mean roll, within which it is chance, at the probability of 1e-3 as of other doubts of a stream."""
@@ -26,32 +34,36 @@ _COLUMNS = ["t_s", "speed_mps", "yaw_rad", "roll_rad", "roll_rad_sd"]
 class RollTest:
     """Sums over the cells on straights.
 
-    ``way_m``: how far the vehicle has gone, and ``newest`` (0 or 1, 5) the row there; ``cells`` (c, 3): heading, roll,
-    rad, and the variance of roll; ``sums`` (3,): the number of cells on straights, and the sums of roll and variance.
+    ``way_m``: how far the vehicle has gone, ``newest`` (0 or 1, 5) the row there, ``fastest_mps`` its highest speed;
+    ``cells`` (c, 4): heading, roll, rad, the variance of roll, and the highest speed so far; ``sums`` (3,): the number
+    of cells on straights, and the sums of roll and variance.
     """
 
     way_m: float = 0.0
     newest: Array = field(default_factory=lambda: np.zeros((0, len(_COLUMNS))))
-    cells: Array = field(default_factory=lambda: np.zeros((0, 3)))
+    fastest_mps: float = 0.0
+    cells: Array = field(default_factory=lambda: np.zeros((0, 4)))
     sums: Array = field(default_factory=lambda: np.zeros(3))
 
     def put(self, smoothed: pd.DataFrame) -> None:
         """Take the next smoothed rows, whose columns are those of a trajectory."""
-        rows = np.concatenate([self.newest, smoothed[_COLUMNS].to_numpy(dtype=np.float64)])
-        if not len(rows):
+        if not len(smoothed):
             return
+        rows = np.concatenate([self.newest, smoothed[_COLUMNS].to_numpy(dtype=np.float64)])
         rows[:, 2] = np.unwrap(rows[:, 2])
         t, speed, heading, roll, sd = rows.T
         steps = 0.5 * np.abs(speed[1:] + speed[:-1]) * np.diff(t)
         way = self.way_m + np.concatenate([[0.0], np.cumsum(steps)])
         grid = STEP_M * np.arange(np.floor(way[0] / STEP_M) + 1.0, np.floor(way[-1] / STEP_M) + 1.0)
-        new = np.column_stack([np.interp(grid, way, of) for of in (heading, roll, sd**2)])
-        self.way_m, self.newest = float(way[-1]), rows[-1:].copy()
+        fastest = np.maximum.accumulate(np.maximum(np.abs(speed), self.fastest_mps))
+        new = np.column_stack([np.interp(grid, way, of) for of in (heading, roll, sd**2, fastest)])
+        self.way_m, self.newest, self.fastest_mps = float(way[-1]), rows[-1:].copy(), float(fastest[-1])
         self.cells = np.concatenate([self.cells, new])
         if len(self.cells) > 2 * MARGIN:
             known = slice(MARGIN, len(self.cells) - MARGIN)
-            found = self.cells[known][straight(self.cells[:, 0])[known]]
-            self.sums += [len(found), *found[:, 1:].sum(axis=0)]
+            on_straight = straight(self.cells[:, 0], straightest(self.cells[:, 3]))
+            found = self.cells[known][on_straight[known]]
+            self.sums += [len(found), *found[:, 1:3].sum(axis=0)]
             self.cells = self.cells[-2 * MARGIN :].copy()
 
     def events(self, until_s: float) -> tuple[Event, ...]:

@@ -81,7 +81,7 @@ def table_of(sides: tuple[Side, ...] = (), gyro: float = 1e-12) -> pd.DataFrame:
         np.zeros(SHARED_DIM),
         np.zeros(KEYFRAMES, dtype=np.int64),
     )
-    covariance = Covariance(np.zeros((KEYFRAMES, size, size)), np.zeros((KEYFRAMES - 1, size, size)))
+    covariance = Covariance.of_marginals(np.zeros((KEYFRAMES, size, size)), np.zeros((KEYFRAMES - 1, size, size)))
     return geometry_table(context(gyro), [profile], straight_run(), covariance, exact)
 
 

@@ -66,7 +66,7 @@ def covariance() -> Covariance:
     rng = np.random.default_rng(5)
     root = 0.01 * rng.normal(size=(N, DIM, DIM + 4))
     root[:, KEYFRAME_DIM:] = root[0, KEYFRAME_DIM:]  # one covariance of what all keyframes share
-    return Covariance(root @ np.swapaxes(root, 1, 2), np.zeros((N - 1, DIM, DIM)))
+    return Covariance.of_marginals(root @ np.swapaxes(root, 1, 2), np.zeros((N - 1, DIM, DIM)))
 
 
 def at_keyframes(states: States, gyro: np.ndarray) -> DenseMotion:
@@ -133,7 +133,7 @@ def test_variance_is_interpolated_between_keyframes(states: States, gyro: np.nda
 
 def test_speed_has_the_noise_of_its_row_s_body_rate(states: States, gyro: np.ndarray) -> None:
     rng, span = np.random.default_rng(11), 0.02
-    certain = Covariance(np.zeros((N, DIM, DIM)), np.zeros((N - 1, DIM, DIM)))
+    certain = Covariance.of_marginals(np.zeros((N, DIM, DIM)), np.zeros((N - 1, DIM, DIM)))
     drawn = gyro + GYRO / np.sqrt(span) * rng.normal(size=(2000, N, 3))
     motions = [replace(at_keyframes(states, rate), gyro_span=np.full(N, span)) for rate in drawn]
     tables = [trajectory_table(RUN, motion, states, certain) for motion in motions]

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import astuple, replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,9 +13,19 @@ from trackfg.datasets.faults import drop_imu
 from trackfg.datasets.scenarios import Simulation
 from trackfg.numerics.rotations import so3_exp, so3_log
 from trackfg.recording.model import Recording
-from trackfg.sensors.imu_intervals import Increments, Intervals, compress, intervals, laid_out
+from trackfg.sensors.imu_intervals import (
+    Increments,
+    Intervals,
+    compress,
+    intervals,
+    laid_out,
+    means_around,
+    turning,
+)
 
 RATE_HZ = 200.0
+BIAS = np.array([3e-3, -2e-3, 1e-3])
+WithBoth = Callable[[Callable[[], Any]], tuple[Any, Any]]
 
 
 @pytest.fixture(scope="module")
@@ -164,3 +175,28 @@ def test_hole_turns_the_body_no_more_than_its_neighbours_say(recording: Recordin
         for data in (intervals(recording), intervals(drop_imu(recording, 10.0, 15.0)))
     ]
     assert np.linalg.norm(turns[0] - turns[1]) < 0.02
+
+
+def assert_alike(both: tuple[Any, Any]) -> None:
+    """What the kernel finds is what numpy does, up to rounding."""
+    for ours, theirs in zip(*map(astuple, both), strict=True):
+        np.testing.assert_allclose(ours, theirs, rtol=1e-11, atol=1e-13)
+
+
+@pytest.mark.parametrize("starts", [np.arange(3, 390), np.arange(0, 401, 4), np.array([0, 1, 5, 6, 100, 400])])
+def test_the_kernel_compresses_as_numpy_does(starts: np.ndarray, with_both: WithBoth) -> None:
+    assert_alike(with_both(lambda: compress(tumbling(), starts, BIAS)))
+
+
+@pytest.mark.parametrize("speed", [20.0, 0.0, -3.0])
+def test_the_kernel_follows_attitudes_as_numpy_does(speed: float, with_both: WithBoth) -> None:
+    data, keyframes = tumbling(), np.array([2, 100, 101, 240, 399])
+    distance = np.cumsum(speed * (1.0 + 0.5 * np.sin(data.edges))) / RATE_HZ
+    assert_alike(with_both(lambda: turning(data, keyframes, BIAS, distance)))
+
+
+def test_the_kernel_averages_as_numpy_does(with_both: WithBoth) -> None:
+    """Around times within the record, at its ends, and beyond one by less than half the width."""
+    data, t = tumbling(), np.array([0.0, 0.001, 0.5, 0.502, 1.37, 2.0, 2.015])
+    ours, theirs = with_both(lambda: means_around(t, 0.04, data.edges, data.accel))
+    np.testing.assert_allclose(ours, theirs, rtol=1e-10)

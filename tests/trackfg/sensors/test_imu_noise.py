@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import astuple
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -122,3 +126,27 @@ def test_a_line_folded_to_near_zero_counts_where_the_vehicle_rests() -> None:
     assert np.median(after.gyro, axis=0) == pytest.approx(GYRO, rel=1e-9)
     none = floor.with_rests(data, np.zeros((0, 2))).between(SECONDS, GYRO, ACCEL)
     np.testing.assert_array_equal(none.accel, before.accel)
+
+
+@pytest.mark.parametrize("count", [33, 100, 520, 6000])
+@pytest.mark.parametrize("faulty", [False, True])
+def test_the_kernel_finds_what_numpy_does(
+    count: int, faulty: bool, with_both: Callable[[Callable[[], Any]], tuple[Any, Any]]
+) -> None:
+    """Of clean samples, and of rounded ones with shocks, ends of the range, bridged ones, and some missing."""
+    random, edges = np.random.default_rng(count), np.arange(count + 1) / RATE_HZ
+    gyro, accel = GYRO * random.standard_normal((count, 3)), [0.0, 0.0, 9.8] + 0.05 * random.standard_normal((count, 3))
+    bridged = np.zeros(count, dtype=bool)
+    if faulty:
+        gyro, accel = np.cumsum(gyro, axis=0), np.round(accel, 2)
+        gyro[:, 1] = 0.0
+        accel[count // 3 : count // 3 + 3] += [30.0, 50.0, -20.0]
+        accel[count // 4 : count // 4 + 5, 1] = 25.0
+        accel = np.clip(accel, -25.0, 25.0)
+        edges[count // 2 :] += 0.6 / RATE_HZ
+        bridged[count // 5 : count // 5 + 4] = True
+    data = Intervals(edges, gyro, accel, bridged)
+    ours, theirs = with_both(lambda: NoiseFloor.of(data))
+    assert (ours.lost_t.size > 0, ours.shock_t.size > 0) == (faulty, faulty)
+    for found, expected in zip(astuple(ours), astuple(theirs), strict=True):
+        np.testing.assert_allclose(found, expected, rtol=1e-11, atol=0.0)

@@ -96,6 +96,19 @@ def test_without_a_tach_gnss_must_have_seen_the_rest(simulated: Callable[..., Si
     np.testing.assert_allclose(found, true_rests(run, 200.0), atol=2.0)
 
 
+@pytest.mark.parametrize(("sd_m", "found"), [(2.0, False), (0.02, True)])
+def test_without_a_tach_positions_must_tell_a_crawl_from_a_rest(
+    simulated: Callable[..., Simulation], sd_m: float, found: bool
+) -> None:
+    """Four positions of 2 m do not show whether a vehicle stood for 3.5 s or went on at walking pace."""
+    recording = simulated("mainline-gnss", seed=0, duration_s=30.0).recording
+    assert recording.gnss is not None
+    imu, seen = (table[table["t_s"] <= 4.0] for table in (recording.imu, recording.gnss))
+    seen = seen.assign(east_m=0.0, north_m=0.0, east_sd_m=sd_m, north_sd_m=sd_m)
+    rests = find_standstills(replace(recording, imu=imu, gnss=seen, tach=None), MIN_REST_S)
+    assert (len(rests) == 1) == found
+
+
 def test_missing_rows_at_rest_do_not_hide_a_standstill(simulated: Callable[..., Simulation]) -> None:
     run = simulated("mainline", seed=2, duration_s=100.0)
     found = find_standstills(drop_tach(run.recording, 3.0, 20.0), MIN_REST_S)

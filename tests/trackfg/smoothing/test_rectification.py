@@ -14,7 +14,7 @@ from trackfg.datasets.scenario import Scenario
 from trackfg.datasets.scenarios import Simulation, scenario, simulate
 from trackfg.factors.bias import RECTIFICATION
 from trackfg.factors.factor_type import FactorType
-from trackfg.factors.states import Kind, offset_in_keyframe
+from trackfg.factors.states import KEYFRAME_DIM, Kind, offset_in_keyframe
 from trackfg.smoothing.reassessment import Reassessment
 from trackfg.smoothing.rectification import rectification
 from trackfg.smoothing.smoother import SmoothedStates, smooth_states
@@ -53,10 +53,10 @@ def with_coefficient(run: SmoothedStates, k: float) -> SmoothedStates:
     imu = run.solution.states.imu.copy()
     imu[0, RECTIFICATION.start] = k
     states = replace(run.solution.states, imu=imu)
-    marginal = run.covariance.marginal.copy()
-    at = offset_in_keyframe(Kind.IMU) + RECTIFICATION.start
-    marginal[:, at, at] = 1e-12
-    covariance = replace(run.covariance, marginal=marginal)
+    of_shared = run.covariance.of_shared.copy()
+    at = offset_in_keyframe(Kind.IMU) - KEYFRAME_DIM + RECTIFICATION.start
+    of_shared[at, at] = 1e-12
+    covariance = replace(run.covariance, of_shared=of_shared)
     return replace(run, solution=replace(run.solution, states=states), covariance=covariance)
 
 

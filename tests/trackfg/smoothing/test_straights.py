@@ -14,7 +14,7 @@ from trackfg.numerics.rotations import matrix_from_rpy
 from trackfg.recording.model import Recording
 from trackfg.smoothing.passage import STEP_M, Passage
 from trackfg.smoothing.smoother import SmoothedStates, smooth_states
-from trackfg.smoothing.straights import roll_at_no_curvature, straight, unexplained_roll
+from trackfg.smoothing.straights import roll_at_no_curvature, straight, straightest, unexplained_roll
 
 TOTAL_S = 200.0
 
@@ -33,11 +33,18 @@ def test_a_straight_ends_a_base_before_the_curve() -> None:
     is left on each side, and at both ends of the run the chord and the base.
     """
     s = np.arange(0.0, 1000.0, 10.0)
-    found = s[straight(np.clip(s - 400.0, 0.0, 200.0) / 500.0)]
+    found = s[straight(np.clip(s - 400.0, 0.0, 200.0) / 500.0, straightest(np.array(20.0)))]
     assert found.min() == 70.0
     assert found[found < 500.0].max() == pytest.approx(330.0, abs=10.0)
     assert found[found > 500.0].min() == pytest.approx(670.0, abs=10.0)
     assert found.max() == 920.0
+
+
+def test_a_wide_curve_is_straight_for_a_slow_line_alone() -> None:
+    """R 8000 needs no cant at 40 m/s, and 130 mm at 83 m/s."""
+    heading = np.arange(0.0, 1000.0, 10.0) / 8000.0
+    assert straight(heading, straightest(np.array(40.0))).any()
+    assert not straight(heading, straightest(np.array(83.0))).any()
 
 
 @pytest.mark.parametrize("roll_deg", [2.0, -1.0])

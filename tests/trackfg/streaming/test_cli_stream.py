@@ -36,24 +36,42 @@ def test_a_recording_into_parts(recording: Path, tmp_path: Path) -> None:
     np.testing.assert_allclose(np.diff(smoothed["t_s"]), 0.1, atol=1e-9)
 
 
-def test_json_lines_in_and_out(recording: Path) -> None:
+def json_lines(duration_s: float) -> tuple[str, list[str]]:
+    """The description and the rows of a run, these in the order of time."""
     description = {
         "id": "lines",
         "imu": {"gyro": ["wx", "wy", "wz"], "accel": ["fx", "fy", "fz"]},
         "tach": {"column": "s", "kind": "distance", "unit": "m", "signed": True},
     }
-    run = simulate("trolley", seed=0, duration_s=30.0).recording
-    lines = [json.dumps({"description": description})]
+    run = simulate("trolley", seed=0, duration_s=duration_s).recording
     keyed = [(row[0], {"table": "tach", "t": row[0], "s": row[1]}) for row in run.tach.to_numpy().tolist()]
     names = ("t", "wx", "wy", "wz", "fx", "fy", "fz")
     keyed += [(row[0], {"table": "imu", **dict(zip(names, row, strict=True))}) for row in run.imu.to_numpy().tolist()]
-    lines += [json.dumps(row) for _, row in sorted(keyed, key=lambda one: one[0])]
+    return json.dumps({"description": description}), [
+        json.dumps(row) for _, row in sorted(keyed, key=lambda one: one[0])
+    ]
+
+
+def test_rows_in_random_order_are_dropped_with_a_warning() -> None:
+    description, rows = json_lines(12.0)
+    rows = np.random.default_rng(1).permutation(rows).tolist()
+    done = subprocess.run(
+        [*TRACKFG, "-", "--lag", "5", "-o", "-"], input="\n".join([description, *rows]), capture_output=True, text=True
+    )
+    assert done.returncode == 0
+    assert f" of {len(rows)} rows were dropped" in " ".join(done.stderr.split())
+
+
+def test_json_lines_in_and_out(recording: Path) -> None:
+    description, keyed = json_lines(30.0)
+    lines = [description, *keyed]
     done = subprocess.run(
         [*TRACKFG, "-", "--lag", "5", "-o", "-"], input="\n".join(lines), capture_output=True, text=True, check=True
     )
     rows = [json.loads(line) for line in done.stdout.splitlines()]
     assert {row["table"] for row in rows} >= {"filtered", "smoothed"}
     assert f"{len(keyed)} rows, {len(keyed)} of them used" in done.stderr
+    assert "were dropped" not in done.stderr
 
 
 @pytest.mark.parametrize(

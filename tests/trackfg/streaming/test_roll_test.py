@@ -8,7 +8,7 @@ import pytest
 
 from trackfg.results.events import DOUBT
 from trackfg.smoothing.passage import STEP_M
-from trackfg.smoothing.straights import straight
+from trackfg.smoothing.straights import straight, straightest
 from trackfg.streaming.roll_test import RollTest
 
 SPEED_MPS, RATE_HZ, SD_RAD = 12.0, 10.0, 1e-3
@@ -57,7 +57,7 @@ def test_pieces_of_any_size_make_the_same_sums() -> None:
     whole = put_through(table)
     way = SPEED_MPS * table["t_s"].to_numpy()
     cells = np.arange(1, int(way[-1] / STEP_M) + 1) * STEP_M
-    on_straight = straight(np.interp(cells, way, np.unwrap(table["yaw_rad"])))
+    on_straight = straight(np.interp(cells, way, np.unwrap(table["yaw_rad"])), straightest(np.array(SPEED_MPS)))
     assert whole.sums[0] == np.count_nonzero(on_straight)
     assert whole.sums[1] == pytest.approx(np.interp(cells, way, table["roll_rad"])[on_straight].sum())
     for ends in ((0, 1, 2, 7), tuple(range(5, len(table), 5)), (1999,)):

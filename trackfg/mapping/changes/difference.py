@@ -64,6 +64,15 @@ class Difference(Outlined):
     ``added``, ``removed``: the landmarks that only b or only a has. ``sections``: one row per 200 m and grid quantity
     with cells in both maps: ``start_m, end_m, quantity, cells, mean, rms, largest`` (with its sign), ``largest_at_m,
     rms_sigmas, largest_sigmas``, of b - a. ``cells_added``, ``cells_removed``: grid cells that only b or only a has.
+
+    Examples
+    --------
+    >>> from trackfg.mapping import difference
+    >>> from trackfg.maps import read_map
+    >>> line = read_map("line.gpkg")
+    >>> same = difference(line, line)
+    >>> len(same.added), len(same.removed)
+    (0, 0)
     """
 
     relation: Relation

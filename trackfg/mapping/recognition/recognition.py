@@ -83,6 +83,16 @@ class Recognition(Outlined):
 
     ``probability``, of the whole run, is the greatest of the column's. ``found_after_m``: distance
     travelled from the first section until its place was known with :data:`SURE` and stayed known; NaN if never.
+
+    Examples
+    --------
+    >>> import trackfg
+    >>> from trackfg.mapping import recognise
+    >>> from trackfg.maps import read_map
+    >>> run, line = trackfg.Result.read("out1"), read_map("line.gpkg")  # which was made of this run
+    >>> sections = recognise(run.geometry, line.grid, place_sd_m=None, rate_sd=1e-3, direction=1).sections
+    >>> bool(((sections["reference_m"] - sections["run_m"]).abs() < 0.1).all())
+    True
     """
 
     sections: pd.DataFrame

@@ -13,7 +13,7 @@ directly.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -25,12 +25,16 @@ from trackfg.numerics.chi_square import exceeds_chance
 from trackfg.output.trajectory import QUANTITIES, keyframe_jacobian
 from trackfg.results.verdict import Doubt, Quantity
 from trackfg.smoothing.reassessment import SolvedRun
-from trackfg.solver.influence import Columns, Misfit, all_rows, gains, misfits
+from trackfg.solver.influence import Columns, GroupRows, Misfit, all_rows, gains, misfits
 from trackfg.solver.leave_one_out import left_out
 from trackfg.solver.prediction_level import Level, level
 
 _PLACES = 8
 """Keyframes, evenly spread over the run, at which each quantity is judged."""
+
+_DOUBLE = 8
+_MOST_BYTES = 64_000_000
+"""Of the gains of functions that are judged together: those of all for an hour of a keyframe per second."""
 
 _BLOCKS_S = (0.0, 10.0, 60.0)
 """Blocks over which residuals are summed, s: single keyframes, what lasts some seconds, and what lasts a minute."""
@@ -142,8 +146,7 @@ def self_test(run: SolvedRun) -> SelfTest:
     blocks = [np.arange(len(t)) if s == 0.0 else ((t - t[0]) // s).astype(np.int64) for s in _BLOCKS_S]
     worst: dict[Quantity, Doubt] = {}
     checked: dict[Quantity, tuple[str, ...]] = {}
-    gain = gains(run.solution.root, _columns(run))
-    for function, found in zip(_FUNCTIONS, misfits(rows, gain, blocks, len(_FUNCTIONS)), strict=True):
+    for function, found in _found(run, rows, blocks):
         causes = [cause for one in found if (cause := _cause(one, levels.get(one.group)))]
         factor = math.sqrt(1.0 + sum(cause.share * (cause.ratio - 1.0) for cause in causes))
         tested = tuple(_NAMES[one.group] for one in found if one.share > _LEAST_SHARE)
@@ -162,6 +165,16 @@ def self_test(run: SolvedRun) -> SelfTest:
     return SelfTest(tuple(worst.values()), checked)
 
 
+def _found(run: SolvedRun, rows: list[GroupRows], blocks: list[np.ndarray]) -> Iterator[tuple[_Function, list[Misfit]]]:
+    """Yield each function and its misfits, as many functions at a time as keep the memory of a long run small."""
+    of_function = _DOUBLE * KEYFRAME_DIM * _PLACES * len(run.problem.t)
+    at_a_time = max(1, _MOST_BYTES // of_function)
+    for begin in range(0, len(_FUNCTIONS), at_a_time):
+        functions = _FUNCTIONS[begin : begin + at_a_time]
+        gain = gains(run.solution.root, _columns(run, functions))
+        yield from zip(functions, misfits(rows, gain, blocks, len(functions)), strict=True)
+
+
 def _levels(run: SolvedRun) -> Iterator[tuple[str, Level]]:
     for kind, (group, _) in _PREDICTED.items():
         family = run.problem.family(kind)
@@ -170,15 +183,15 @@ def _levels(run: SolvedRun) -> Iterator[tuple[str, Level]]:
             yield group, level(left.in_sigmas(family.sigma))
 
 
-def _columns(run: SolvedRun) -> Columns:
-    """Return each function at some keyframes as columns, one per place, function by function."""
+def _columns(run: SolvedRun, functions: Sequence[_Function]) -> Columns:
+    """Return each of the functions at some keyframes as columns, one per place, function by function."""
     states, size = run.solution.states, run.solution.root.size
     n = len(states)
     J = keyframe_jacobian(states, run.problem.run.lever_arm)
     at = np.unique(np.linspace(0, n - 1, _PLACES + 2).astype(np.int64)[1:-1])
-    count = len(_FUNCTIONS) * len(at)
+    count = len(functions) * len(at)
     columns = Columns(np.zeros((n, KEYFRAME_DIM, count)), np.zeros((size - KEYFRAME_DIM, count)))
-    for column, function in zip(np.arange(count).reshape(len(_FUNCTIONS), -1), _FUNCTIONS, strict=True):
+    for column, function in zip(np.arange(count).reshape(len(functions), -1), functions, strict=True):
         for k, sign in ((at, 1.0), (at + 1, -1.0)) if function.change else ((at, 1.0),):
             k = np.minimum(k, n - 1)
             row = sign * J[k, QUANTITIES.index(function.column)]

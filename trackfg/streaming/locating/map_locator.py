@@ -119,7 +119,7 @@ class MapLocator:
         sections, late, events = self.track.sections(), None, []
         if sections and sections[-1] != self.newest:
             leaving = 0 if step.marginalised is None else len(step.marginalised.t)
-            marginal = posterior_covariance(step.root).marginal[leaving]
+            marginal = posterior_covariance(step.root).at(leaving)
             match = self._match(sections, marginal)
             if match is not None:
                 late = self._new_positions(match, step, leaving, marginal)

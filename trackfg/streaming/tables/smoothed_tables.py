@@ -14,7 +14,6 @@ import numpy as np
 import pandas as pd
 
 from trackfg.factors.states import States
-from trackfg.geometry.bands import Band, end_margin_m
 from trackfg.graph.run_context import RunContext
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.chainage_grid import cells_of
@@ -24,7 +23,7 @@ from trackfg.output.event_sources import EventSources
 from trackfg.output.profile_samples import Points
 from trackfg.output.profiles import Profile, profiles
 from trackfg.output.rail_profiles import seen_profiles
-from trackfg.output.track_geometry import geometry_table
+from trackfg.output.track_geometry import geometry_table, reach_m
 from trackfg.output.trajectory import trajectory_table
 from trackfg.results.events import Event
 from trackfg.smoothing.localisation import MapChainage
@@ -223,10 +222,8 @@ class SmoothedTables:
 
     @property
     def _reach_m(self) -> float:
-        config = self.context.config.geometry
-        band = end_margin_m(config.step_m, Band(*config.band_m))
         apart = max((2.0 * abs(laser.position_m[0]) for laser in self.context.description.laser), default=0.0)
-        return max(band, config.twist_base_m, 0.5 * config.gradient_base_m, config.chord_m) + 5.0 + apart
+        return reach_m(self.context.conventions) + 5.0 + apart
 
     def _settled_place(self, t: Array, states: States, settled_s: float) -> float:
         """Return until when places are passed that have enough track on the far side, s."""

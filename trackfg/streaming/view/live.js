@@ -109,14 +109,13 @@ function strip(part, [name, label, scale, range]) {
   const runs = unbroken(points, part);
   svg.setAttribute("viewBox", `0 0 ${width} ${HEIGHT}`);
   svg.replaceChildren();
-  for (const share of [0, 0.5, 1]) {
-    const y = low + share * (high - low);
+  for (const y of roundNumbers(low, high, 4)) {
     svg.append(element("line", { class: "grid", x1: LEFT, x2: width - RIGHT, y1: Y(y), y2: Y(y) }));
     svg.append(element("text", { x: LEFT - 6, y: Y(y) + 4, "text-anchor": "end" }, written(back(y), 0)));
   }
-  for (const [share, anchor] of [[0, "start"], [0.5, "middle"], [1, "end"]]) {
-    const x = x0 + share * span;
-    svg.append(element("text", { x: X(x), y: HEIGHT - 4, "text-anchor": anchor }, x.toFixed(0)));
+  for (const x of roundNumbers(x0, x1, Math.max(2, Math.floor(width / 110)))) {
+    svg.append(element("line", { class: "grid", x1: X(x), x2: X(x), y1: TOP, y2: HEIGHT - BOTTOM }));
+    svg.append(element("text", { x: X(x), y: HEIGHT - 4, "text-anchor": "middle" }, fixed(x, span < 5 ? 1 : 0)));
   }
   for (const run of runs) {
     if (sd >= 0) {
@@ -130,6 +129,15 @@ function strip(part, [name, label, scale, range]) {
   const text = `${label}: ${fixed(newest, digits)}${sd < 0 ? "" : ` ± ${fixed(band, digits)} (95 %)`}`;
   figure.querySelector("figcaption").textContent = text;
   svg.setAttribute("aria-label", `${text}; from ${written(back(low), 1)} to ${written(back(high), 1)} between ${x0.toFixed(0)} and ${x1.toFixed(0)} ${part === "time" ? "s" : "m"}`);
+}
+
+// Whole multiples of 1, 2 or 5 times a power of ten between two numbers, about so many.
+function roundNumbers(low, high, count) {
+  const rough = (high - low) / count, decade = 10 ** Math.floor(Math.log10(rough));
+  const step = decade * [1, 2, 5, 10].find((size) => size * decade >= rough * 0.999);
+  const found = [];
+  for (let k = Math.ceil(low / step - 1e-9); k * step <= high + 1e-9 * step; k++) found.push(k * step);
+  return found;
 }
 
 // Pieces without a hole: a gap of more than ten steps is not bridged.

@@ -99,7 +99,7 @@ class FixVotes:
     def update_covariance(self, covariance: Covariance) -> None:
         """Take the part of the newest keyframe's covariance that predictions of fixes need."""
         at = offset_in_keyframe(Kind.ODO)
-        self.distance_scale_covariance = covariance.marginal[-1, at : at + 2, at : at + 2].copy()
+        self.distance_scale_covariance = covariance.of_keyframes[-1, at : at + 2, at : at + 2].copy()
 
     def count_first_window(self, fixes: Family | None, states: States, t: Array) -> None:
         """Count the fixes of a window that was solved as a batch, keyframes at ``t`` (n,), s, by whether its solution

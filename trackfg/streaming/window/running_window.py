@@ -93,7 +93,7 @@ class FilterUpdate(NamedTuple):
     def speed_sd(self) -> float:
         """The sigma of the newest keyframe's velocity along its first axis, m/s."""
         at = offset_in_keyframe(Kind.NAV) + 6
-        return float(np.sqrt(self.covariance.marginal[-1, at, at]))
+        return float(np.sqrt(self.covariance.of_keyframes[-1, at, at]))
 
 
 class Relinearisation(NamedTuple):

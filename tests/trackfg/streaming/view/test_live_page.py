@@ -7,6 +7,7 @@ import json
 import re
 import subprocess
 import sys
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -89,7 +90,9 @@ def test_who_may_ask_for_what() -> None:
             pass
 
 
-def test_a_browser_shows_the_stream_and_finds_it_again(browser: Any, steps: list[StreamStep]) -> None:
+def test_a_browser_shows_the_stream_and_finds_it_again(
+    browser: Any, steps: list[StreamStep], until: Callable[..., None]
+) -> None:
     expect = pytest.importorskip("playwright.sync_api").expect
     page, faults = browser.new_page(viewport={"width": 1280, "height": 900}), []
     page.on("pageerror", lambda error: faults.append(str(error)))
@@ -120,7 +123,7 @@ def test_a_browser_shows_the_stream_and_finds_it_again(browser: Any, steps: list
         expect(page.locator("#events tr")).to_have_count(0)
     for width in (1400, 800, 390):
         page.set_viewport_size({"width": width, "height": 800})
-        assert page.evaluate("document.documentElement.scrollWidth") <= width
+        until(lambda width=width: page.evaluate("document.documentElement.scrollWidth") <= width)
     assert faults == []
 
 
