@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import functools
 import shutil
+import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -45,6 +46,19 @@ def browser() -> Iterator[Any]:
         browser = driver.chromium.launch(executable_path=path)
         yield browser
         browser.close()
+
+
+@pytest.fixture(scope="session")
+def until() -> Callable[..., None]:
+    """Waits from outside a page: its content security policy forbids conditions that playwright evaluates inside."""
+
+    def wait(true: Callable[[], bool], within_s: float = 30.0) -> None:
+        end = time.monotonic() + within_s
+        while not true():
+            assert time.monotonic() < end
+            time.sleep(0.05)
+
+    return wait
 
 
 @pytest.fixture(scope="session")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import tomllib
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
@@ -39,6 +40,14 @@ def test_links_lead_somewhere(page: Path) -> None:
         target = page.parent / path if path else page
         assert target.exists(), link
         assert not anchor or anchor in anchors(target), link
+
+
+@pytest.mark.parametrize("page", PAGES, ids=NAMES)
+def test_every_column_of_a_table_has_a_heading(page: Path) -> None:
+    """A reader of the screen hears the heading of each cell."""
+    lines = page.read_text(encoding="utf-8").splitlines()
+    heads = [line for line, below in pairwise(lines) if re.fullmatch(r"\|(?:-+\|)+", below)]
+    assert [head for head in heads if any(not cell.strip() for cell in head.strip("|").split("|"))] == []
 
 
 @pytest.mark.parametrize("page", PAGES, ids=NAMES)

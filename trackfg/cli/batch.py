@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from trackfg.cli.options import with_options
-from trackfg.cli.terminal import shows_progress, tell
+from trackfg.cli.terminal import complain, shows_progress, tell
 
 if TYPE_CHECKING:
     from trackfg.fleet.isolated_run import Outcome
@@ -131,7 +131,7 @@ def _progress(total: int) -> Iterator[Callable[[Outcome], None]]:
 
     def name_failure(outcome: Outcome) -> None:
         if outcome.reason is not None:
-            print(f"trackfg: warning: run {outcome.name} failed: {printable(outcome.reason)}", file=sys.stderr)
+            complain(f"trackfg: warning: run {outcome.name} failed: {printable(outcome.reason)}")
 
     if not shows_progress() or total == 0:
         yield name_failure

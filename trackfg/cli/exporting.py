@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from trackfg.cli.options import Km, out_file, with_options
+from trackfg.cli.options import out_file, with_options
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
@@ -30,7 +30,7 @@ class ExportChoices:
         Path | None, typer.Option(metavar="T.toml", help="Columns of a channel file.", show_default=False)
     ] = None
     step: Annotated[float, typer.Option(metavar="M", min=0.01, help="Spacing of drawn vertices.")] = 1.0
-    km: Km = False
+    km: Annotated[bool, typer.Option("--km", help="Write official places, such as 12+345.60, too.")] = False
     bands: Annotated[bool, typer.Option("--bands", help="Level and alignment in the bands D2 and D3, in tables.")] = (
         False
     )

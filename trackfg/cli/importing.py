@@ -2,17 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import sys
+from collections.abc import Container, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from trackfg.cli.terminal import note, tell
+from trackfg.cli.terminal import Interruptible, next_step, note, tell, titled, working
 
 if TYPE_CHECKING:
+    from typing import TextIO
+
+    from rich.console import Console
+    from rich.table import Table
+    from rich.text import TextType
+
     from trackfg.interchange.importing.conversion import Imported
-    from trackfg.interchange.importing.proposal import Ask, Proposal, Question
+    from trackfg.interchange.importing.proposals.questions import Ask, Proposal, Question
     from trackfg.interchange.importing.source_format import DialectFor
     from trackfg.interchange.importing.source_table import SourceTable
     from trackfg.results.result import Result
@@ -25,6 +32,22 @@ Format = Annotated[
     str | None,
     typer.Option("--from", metavar="FORMAT", help="Its format; by default it is recognised.", show_default=False),
 ]
+
+_SHOWN = {
+    "imu": {
+        "time": ("time", "time_unit"),
+        "gyro": ("gyro", "gyro_unit"),
+        "accel": ("accelerometer", "accel_unit"),
+        "axes": ("axes", ""),
+        "rigid": ("follows the track", ""),
+    },
+    "tach": {"column": ("wheel", "unit"), "pulses_per_rev": ("pulses per turn", ""), "signed": ("knows direction", "")},
+    "gnss": {"position": ("positions", ""), "sd": ("their sigmas", "")},
+    "balises": {"id": ("balises", ""), "chainage": ("their places", "chainage_unit")},
+    "fixes": {"chainage": ("fixes", "chainage_unit"), "sd": ("their sigma", "")},
+    "track": {"gauge_m": ("gauge, m", "")},
+}
+"""What is shown of a proposed mapping: by section and key its name, and the key of its unit."""
 
 _MOST_NAMED = 12
 """Columns of a table that are not used and named: decoded CAN traces have hundreds."""
@@ -50,17 +73,20 @@ def import_recording(
     from trackfg.interchange.importing.mapping import read_mapping
 
     plan = None if mapping is None else read_mapping(mapping)
-    measured = geometry_in(source, from_format, plan)
+    with working("reading"):
+        measured = geometry_in(source, from_format, plan)
     if measured is not None:
         _report_geometry(measured_result(*measured), out)
     elif plan is None:
         proposal, made = _proposed(source, out, from_format, _assume)
-        for key, reason in proposal.reasons.items():
-            note(f"trackfg: note: {key}: {reason}")
+        _note_reasons(proposal)
         _report(made)
     else:
-        tables = _tables(source, from_format or plan.source, plan.dialect)
-        _report(write_imported(tables, plan, out, run_id=source.stem))
+        with working("reading"):
+            tables = _tables(source, from_format or plan.source, plan.dialect)
+            made = write_imported(tables, plan, out, run_id=source.stem)
+        _note_of(tables)
+        _report(made)
 
 
 def init(
@@ -87,7 +113,8 @@ def init(
     target = mapping or out.with_name(f"{out.name}.mapping.toml")
     if target.exists():
         raise BadInputError(f"{target}: exists; expected a new file. Hint: name another one with --mapping")
-    measured = geometry_in(source, from_format, None)
+    with working("reading"):
+        measured = geometry_in(source, from_format, None)
     if measured is not None:
         _report_geometry(measured_result(*measured), out)
         write_whole(target, geometry_mapping_text(measured[1]).encode("utf-8"))
@@ -95,7 +122,8 @@ def init(
         return
     proposal, made = _proposed(source, out, from_format, _assume if yes else _ask)
     write_whole(target, mapping_text(proposal).encode("utf-8"))
-    tell(f"mapping: {target}")
+    _note_reasons(proposal, shown={f"{section}.{key}" for section, keys in _SHOWN.items() for key in keys})
+    tell(_recognised(proposal, source), f"mapping: {target}")
     _report(made)
 
 
@@ -113,40 +141,105 @@ def _proposed(source: Path, out: Path, from_format: str | None, ask: Ask) -> tup
     from trackfg.interchange.importing.registry import source_format
 
     form = source_format(source, from_format)
-    tables = form.tables(source, lambda _: None)
-    proposal = propose(tables, ask, form.mapping(tables))
-    proposal.sections["source"] = form.key
-    mapping = mapping_of(proposal.sections, "proposed mapping")
+    with Interruptible("reading") as shown:
+
+        def ask_alone(question: Question) -> str:
+            with shown.interrupted():
+                return ask(question)
+
+        tables = form.tables(source, lambda _: None)
+        proposal = propose(tables, ask_alone, form.mapping(tables))
+        proposal.sections["source"] = form.key
+        mapping = mapping_of(proposal.sections, "proposed mapping")
+        made = write_imported(tables, mapping, out, run_id=source.stem)
+    _note_of(tables)
     for name, columns in unused_columns(proposal.sections, tables).items():
         more = f" and {len(columns) - _MOST_NAMED} more" if len(columns) > _MOST_NAMED else ""
         note(f"trackfg: note: not used of {name}: {', '.join(columns[:_MOST_NAMED])}{more}")
-    return proposal, write_imported(tables, mapping, out, run_id=source.stem)
+    return proposal, made
+
+
+def _recognised(proposal: Proposal, source: Path) -> Table:
+    """Return what each sensor is made from, for the user to look at."""
+    from rich.text import Text
+
+    table = titled(f"Recognised in {source.name}", show_header=False)
+    for section, rows in _SHOWN.items():
+        content = proposal.sections.get(section, {})
+        for key, (name, unit) in rows.items():
+            if key in content:
+                value, why = content[key], proposal.reasons.get(f"{section}.{key}")
+                shown = ", ".join(map(str, value)) if isinstance(value, list) else str(value)
+                shown = {"True": "yes", "False": "no"}.get(shown, shown)
+                shown += f", in {content[unit]}" if unit in content else ""
+                table.add_row(name, Text(f"{shown}; {why}" if why else shown))
+    return table
+
+
+def _note_reasons(proposal: Proposal, shown: Container[str] = ()) -> None:
+    """Print why keys of a mapping are what they are, but for those that are ``shown`` otherwise."""
+    for key, reason in proposal.reasons.items():
+        if key not in shown:
+            note(f"trackfg: note: {key}: {reason}")
+
+
+def _note_of(tables: Sequence[SourceTable]) -> None:
+    """Print what reading has assumed."""
+    for table in tables:
+        for text in table.notes:
+            note(f"trackfg: note: {text}")
 
 
 def _assume(question: Question) -> str:
-    """Answer with the default, and say so."""
-    note(f"trackfg: note: {question.text}: {question.default} is assumed ({question.key})")
+    """Answer with the default, and say so unless no answer is needed."""
+    if not question.optional:
+        note(f"trackfg: note: {question.text}: {question.default} is assumed ({question.key})")
     return question.default
 
 
 def _ask(question: Question) -> str:
-    """Ask in the terminal until the answer is one of the choices, or a number where the default is one."""
+    """Ask in the terminal until the answer can be taken; where the input has ended, an optional question has none."""
     from rich.markup import escape
-    from rich.prompt import FloatPrompt, Prompt
+    from rich.prompt import InvalidResponse, Prompt
 
     from trackfg.errors import BadInputError
 
+    class Answer(Prompt):
+        """Takes the beginning of a choice for the whole of it, and refuses what the question does not accept.
+
+        Answers that do not come from a terminal are shown, as those that are typed.
+        """
+
+        @classmethod
+        def get_input(cls, console: Console, prompt: TextType, password: bool, stream: TextIO | None = None) -> str:
+            answer = super().get_input(console, prompt, password, stream)
+            if not sys.stdin.isatty():
+                print(answer)
+            return answer
+
+        def process_response(self, value: str) -> str:
+            answer = value.strip()
+            if question.choices:
+                begun = [choice for choice in question.choices if answer and choice.startswith(answer.casefold())]
+                if len(begun) != 1:
+                    raise InvalidResponse(f"[prompt.invalid]expected {' or '.join(question.choices)}")
+                return begun[0]
+            if not answer or not question.accepts(answer):
+                raise InvalidResponse(f"[prompt.invalid]{escape(answer) or 'An empty answer'} is not understood")
+            return answer
+
+    text = escape(question.text)
+    if question.choices:
+        text += f" [prompt.choices]({', '.join(question.choices)})[/]"
     try:
-        if question.choices:
-            text = f"{escape(question.text)} [prompt.choices]({', '.join(question.choices)})[/]"
-            return Prompt.ask(text, choices=list(question.choices), show_choices=False, default=question.default)
-        if question.default.replace(".", "", 1).isdigit():
-            return str(FloatPrompt.ask(escape(question.text), default=float(question.default)))
-        return Prompt.ask(escape(question.text), default=question.default)
+        if question.default or question.optional:
+            return Answer.ask(text, default=question.default, show_default=bool(question.default))
+        return Answer.ask(text)
     except EOFError:
-        raise BadInputError(
-            f"{question.key}: nobody answers ({question.text}). Hint: take the defaults by --yes"
-        ) from None
+        if question.optional:
+            return question.default
+        hint = "Hint: take the defaults by --yes"
+        raise BadInputError(f"{question.key}: no answer to: {question.text}. {hint}") from None
 
 
 def _report_geometry(result: Result, out: Path) -> None:
@@ -170,3 +263,4 @@ def _report(made: Imported) -> None:
     tell(f"recording: {made.folder}")
     if any(finding.level == "error" for finding in made.loaded.findings):
         raise typer.Exit(2)
+    next_step(f"trackfg check {made.folder}", f"trackfg smooth {made.folder} -o {made.folder}-out")

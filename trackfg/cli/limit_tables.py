@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING
 
 from rich.console import RenderableType
 from rich.text import Text
@@ -12,15 +13,23 @@ from rich.text import Text
 from trackfg.cli.tables import records
 from trackfg.cli.terminal import titled
 from trackfg.geometry.exceedances import Judgement
-from trackfg.results.official_places import KM_COLUMN
+from trackfg.report.severity import KilometreExceedances, by_kilometre, by_severity, place_text, quantity_text
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 
 def of_judgement(judgement: Judgement) -> Iterator[RenderableType]:
-    """Yield the exceedances by chainage, and what could not be judged with the reason."""
-    if judgement.found.empty:
+    """Yield the exceedances by kilometre and one by one, and what could not be judged with the reason.
+
+    A place that exceeds several levels of a limit is shown once, under the severest.
+    """
+    found = by_severity(judgement.found)
+    if found.empty:
         yield Text("No exceedance of the limits that could be judged.")
     else:
-        yield _exceedances(judgement)
+        yield _kilometres(by_kilometre(found))
+        yield _exceedances(found.sort_values("chainage_m", kind="stable"))
     if judgement.not_judged:
         table = titled("Not judged")
         for heading in ("limit", "class", "why"):
@@ -30,22 +39,31 @@ def of_judgement(judgement: Judgement) -> Iterator[RenderableType]:
         yield table
 
 
-def _exceedances(judgement: Judgement) -> RenderableType:
-    table = titled(f"Exceedances: {len(judgement.found)}")
-    for heading in ("km", "from m", "to m", "length m"):
+def _kilometres(kilometres: Sequence[KilometreExceedances]) -> RenderableType:
+    table = titled("By kilometre")
+    table.add_column("km", justify="right")
+    table.add_column("exceedances", overflow="fold")
+    table.add_column("length m", justify="right")
+    table.add_column("worst, as a share of its limit", overflow="fold")
+    for one in kilometres:
+        table.add_row(one.km, Text(one.counts_text), f"{one.length_m:.2f}", Text(one.worst_text))
+    return table
+
+
+def _exceedances(found: pd.DataFrame) -> RenderableType:
+    table = titled(f"Exceedances: {len(found)}")
+    for heading in ("km", "length m"):
         table.add_column(heading, justify="right")
-    for heading in ("quantity", "column"):
-        table.add_column(heading, overflow="fold")
+    table.add_column("what", overflow="fold")
     for heading in ("value mm", "limit mm"):
         table.add_column(heading, justify="right")
     table.add_column("class", overflow="fold")
-    for row in judgement.found.to_dict("records"):
+    for row in found.to_dict("records"):
         sigma = "" if math.isnan(row["value_mm_sd"]) else f" ± {row['value_mm_sd']:.2f}"
         table.add_row(
-            row.get(KM_COLUMN) or f"{1e-3 * row['chainage_m']:.3f}",
-            *(f"{row[name]:.2f}" for name in ("from_m", "to_m", "length_m")),
-            Text(f"{row['parameter'].replace('_', ' ')}, {row['kind']}"),
-            Text(row["column"]),
+            place_text(row),
+            f"{row['length_m']:.2f}",
+            Text(quantity_text(row)),
             f"{row['value_mm']:.2f}{sigma}",
             f"{row['limit_mm']:.2f}",
             Text(row["level"]),
@@ -54,8 +72,13 @@ def _exceedances(judgement: Judgement) -> RenderableType:
 
 
 def judgement_json(judgement: Judgement) -> str:
-    """Return exceedances with the columns of the table, and the limits that were not judged, as JSON."""
+    """Return what each kilometre has, exceedances with the columns of the table, and the limits not judged, as JSON."""
     not_judged = [
         {**limit.model_dump(exclude_defaults=True), "reason": reason} for limit, reason in judgement.not_judged
     ]
-    return json.dumps({"exceedances": records(judgement.found), "not_judged": not_judged}, indent=2)
+    kilometres = [
+        {"km": one.km, "exceedances": dict(one.counts), "length_m": one.length_m, "worst": one.worst_text}
+        for one in by_kilometre(by_severity(judgement.found))
+    ]
+    content = {"by_km": kilometres, "exceedances": records(judgement.found), "not_judged": not_judged}
+    return json.dumps(content, indent=2)

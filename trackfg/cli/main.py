@@ -6,8 +6,10 @@ command needs is imported when it runs, so that ``--help`` and ``--version`` ans
 
 from __future__ import annotations
 
+import _thread
 import os
 import sys
+import threading
 import tomllib
 import warnings
 from dataclasses import dataclass
@@ -22,7 +24,7 @@ from trackfg.cli.balises import balises
 from trackfg.cli.batch import batch
 from trackfg.cli.browse.command import browse
 from trackfg.cli.exporting import export
-from trackfg.cli.freed_memory import keep_freed_memory, leave_the_rest, without_collection
+from trackfg.cli.freed_memory import keep_freed_memory, leave_the_rest
 from trackfg.cli.importing import import_recording, init
 from trackfg.cli.maps import maps
 from trackfg.cli.options import (
@@ -44,7 +46,18 @@ from trackfg.cli.smoothing.options import SmoothOptions
 from trackfg.cli.smoothing.settings import config
 from trackfg.cli.statistics import statistics
 from trackfg.cli.stream import stream
-from trackfg.cli.terminal import note, progress_bar, set_quiet, show, show_or_tell, tell, titled, working
+from trackfg.cli.terminal import (
+    complain,
+    next_step,
+    note,
+    progress_bar,
+    set_quiet,
+    show,
+    show_or_tell,
+    tell,
+    titled,
+    working,
+)
 from trackfg.errors import BadInputError, TrackfgError, first_line, printable
 from trackfg.files.atomic_folder import real_path
 
@@ -65,6 +78,7 @@ def main() -> None:
     """Run the command line; errors that the user can act on become one line on standard error."""
     keep_freed_memory()
     _open_closed_streams()
+    sys.unraisablehook = _interrupt_again
     warnings.filterwarnings("ignore", category=RuntimeWarning)  # numpy's, of numbers: those of a result are checked
     try:
         try:
@@ -93,6 +107,16 @@ def main() -> None:
             raise
         hint = "Hint: allow more open files, or free memory"
         _fail(f"{first_line(error)}: a part of Python or of a library cannot be opened. {hint}", status=1)
+
+
+def _interrupt_again(ignored: sys.UnraisableHookArgs) -> None:
+    """Raise Ctrl-C anew where it came within a finaliser or a callback of the garbage collector: Python ignores what
+    these raise, and the command would go on. A thread does it, after the finaliser has returned.
+    """
+    if issubclass(ignored.exc_type, KeyboardInterrupt):
+        threading.Timer(0.05, _thread.interrupt_main).start()
+    else:
+        sys.__unraisablehook__(ignored)
 
 
 def _is_interrupted(error: BaseException) -> bool:
@@ -130,7 +154,7 @@ def _sentence(error: OSError) -> str:
 
 
 def _fail(error: Exception | str, status: int) -> None:
-    print(f"trackfg: {printable(str(error))}", file=sys.stderr)
+    complain(f"trackfg: {printable(str(error))}")
     raise SystemExit(status)
 
 
@@ -140,7 +164,13 @@ def _print_version(wanted: bool) -> None:
         raise typer.Exit
 
 
-@app.callback(epilog="Example: trackfg demo -o demo")
+_FIRST_STEPS = (
+    "With a log of your own: trackfg init log.csv -o run1, then trackfg smooth run1 -o out1, then trackfg report out1. "
+    "Without one: trackfg demo. Each command has an example: trackfg COMMAND --help."
+)
+
+
+@app.callback(epilog=_FIRST_STEPS)
 def trackfg(
     version: Annotated[
         bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version and exit.")
@@ -151,7 +181,7 @@ def trackfg(
     set_quiet(quiet)
 
 
-@app.command(epilog="Example: trackfg demo -o demo")
+@app.command(example="trackfg demo -o demo", loads="trackfg.cli.demo")
 def demo(
     out: Annotated[Path, typer.Option("-o", "--out", metavar="DIR", help="Folder to write.")] = Path("trackfg-demo"),
 ) -> None:
@@ -166,7 +196,7 @@ def demo(
     tell(*(str(done.folder / name) for name in CONTENT))
 
 
-@app.command(epilog="Example: trackfg scenarios")
+@app.command(example="trackfg scenarios")
 def scenarios() -> None:
     """List the built-in scenarios that simulate can run."""
     from rich.text import Text
@@ -187,7 +217,7 @@ def _scenario_summaries() -> dict[str, str]:
     return tomllib.loads(Path(spec.origin).with_name("summaries.toml").read_text(encoding="utf-8"))
 
 
-@app.command(epilog="Example: trackfg simulate mainline -o run1 --seed 3 --duration 600")
+@app.command(example="trackfg simulate mainline -o run1 --seed 3 --duration 600", loads="trackfg.datasets.scenarios")
 def simulate(
     scenario: Annotated[
         str,
@@ -234,9 +264,10 @@ def simulate(
         with replaced_folder(out) as new:
             simulation.write(new)
     tell(f"recording: {out}")
+    next_step(f"trackfg check {out}", f"trackfg smooth {out} -o {out}-out")
 
 
-@app.command(epilog="Example: trackfg check run1")
+@app.command(example="trackfg check run1", loads="trackfg.io.check")
 def check(recording: RecordingFolder, json: Json = False) -> None:
     """List everything that is wrong or doubtful in a recording, each with a hint.
 
@@ -255,9 +286,10 @@ def check(recording: RecordingFolder, json: Json = False) -> None:
             show(tables.estimates(report.estimates))
     if any(finding.level == "error" for finding in report.findings):
         raise typer.Exit(2)
+    next_step(f"trackfg smooth {recording} -o {recording}-out")
 
 
-@app.command(epilog="Example: trackfg smooth run1 -o out1")
+@app.command(example="trackfg smooth run1 -o out1", loads="trackfg.smoothing.smoother")
 @with_options(SmoothOptions)
 def smooth(options: SmoothOptions) -> None:
     """Smooth a recording: trajectory, track geometry and events, each with its uncertainty, and a summary.
@@ -266,12 +298,11 @@ def smooth(options: SmoothOptions) -> None:
     did not converge. An earlier result in OUT is replaced in one step: until then, and if anything fails, it stays as
     it is.
     """
-    with without_collection():
-        from trackfg.cli import tables
-        from trackfg.config import SmoothConfig
-        from trackfg.io.reader import read_recording
-        from trackfg.results.result import RESULT_FOLDER
-        from trackfg.smoothing.smoother import smooth as run_smoother
+    from trackfg.cli import tables
+    from trackfg.config import SmoothConfig
+    from trackfg.io.reader import read_recording
+    from trackfg.results.result import RESULT_FOLDER
+    from trackfg.smoothing.smoother import smooth as run_smoother
 
     RESULT_FOLDER.refuse_foreign(options.out)
     settings = SmoothConfig.from_toml(options.config) if options.config else None
@@ -300,11 +331,12 @@ def smooth(options: SmoothOptions) -> None:
         if result.summary.findings:
             tell(tables.findings(result.summary.findings))
         tell(f"result: {options.out}")
+        next_step(f"trackfg report {options.out}")
     if not result.summary.converged:
         raise typer.Exit(_NOT_TO_BE_TRUSTED)
 
 
-@app.command(epilog="Example: trackfg baseline complementary run1 -o out1-complementary")
+@app.command(example="trackfg baseline complementary run1 -o out1-complementary", loads="trackfg.comparison.estimators")
 def baseline(
     name: Annotated[str, typer.Argument(metavar="NAME", help="One of `trackfg estimators`.", show_default=False)],
     recording: RecordingFolder,
@@ -324,7 +356,7 @@ def baseline(
     tell(f"result: {out}")
 
 
-@app.command(epilog="Example: trackfg estimators")
+@app.command(example="trackfg estimators", loads="trackfg.comparison.estimators")
 def estimators() -> None:
     """List the smoother, the published systems, and other packages where they are installed."""
     from trackfg.cli import tables
@@ -364,7 +396,7 @@ class CompareOptions:
     json: Json = False
 
 
-@app.command(epilog="Example: trackfg compare run1 -o comparison")
+@app.command(example="trackfg compare run1 -o comparison", loads="trackfg.comparison.run")
 @with_options(CompareOptions)
 def compare(options: CompareOptions) -> None:
     """Run every applicable estimator on recordings or built-in scenarios, and score them by one code.
@@ -393,9 +425,10 @@ def compare(options: CompareOptions) -> None:
         print(result.about.model_dump_json(indent=2))
         return
     tell(*comparison_tables.of_comparison(result.about), f"comparison: {options.out}")
+    next_step(f"trackfg report {options.out}")
 
 
-@app.command(epilog="Example: trackfg plot out1 --from 12000 --to 14000 -o chart.html")
+@app.command(example="trackfg plot out1 --from 12000 --to 14000 -o chart.html", loads="trackfg.plots.strip_chart")
 def plot(
     result: Annotated[Path, typer.Argument(metavar="OUT", help="Folder of the result.", show_default=False)],
     out: Annotated[
@@ -437,14 +470,17 @@ def plot(
     tell(f"chart: {path}")
 
 
-@app.command(epilog="Example: trackfg limits out1 --limits cfr-213-class-4 -o exceedances.csv")
+@app.command(
+    example="trackfg limits out1 --limits cfr-213-class-4 -o exceedances.csv",
+    loads="trackfg.report.track_limits",
+)
 def limits(
     result: Annotated[Path, typer.Argument(metavar="OUT", help="Folder of the result.", show_default=False)],
     source: Annotated[str, typer.Option("--limits", metavar="FILE|NAME", help=LIMITS_HELP, show_default=False)],
     level: Level = None,
     line_speed: LineSpeed = None,
     out: TableFile = None,
-    km: Km = False,
+    km: Km = None,
     json: Json = False,
 ) -> None:
     """List where the track geometry of a result exceeds limits: place, length, peak and sigma of each exceedance.
@@ -458,8 +494,9 @@ def limits(
 
     if out is not None:
         _refuse_inside(result, out)
+    chosen = LimitChoice(source, level).table()
     with working("limits"):
-        judgement = judge(Result.read(result), LimitChoice(source, level).table(), line_speed, km=km)
+        judgement = judge(Result.read(result), chosen, line_speed, km=km)
     if out is not None:
         write_exceedances(judgement, out)
     if json:
@@ -488,20 +525,21 @@ class ReportOptions:
     limits: Limits = None
     level: Level = None
     line_speed: LineSpeed = None
-    km: Km = False
+    km: Km = None
     background: Annotated[
         Path | None,
         typer.Option(metavar="FILE", help="Lines and stations behind the map: .geojson, .gpkg.", show_default=False),
     ] = None
 
 
-@app.command(epilog="Example: trackfg report out1 --recording run1 --limits cfr-213-class-4")
+@app.command(example="trackfg report out1 --recording run1 --limits cfr-213-class-4", loads="trackfg.report")
 @with_options(ReportOptions)
 def report(asked: ReportOptions) -> None:
     """Write one self-contained page about a result, a comparison or trends, opened in a browser without a network."""
-    with working("page"):
-        from trackfg.report import write_report
+    from trackfg.report import write_report
+    from trackfg.report.truth import is_without_truth
 
+    with working("page"):
         whole = real_path(asked.folder)
         page = write_report(
             asked.folder,
@@ -511,6 +549,8 @@ def report(asked: ReportOptions) -> None:
             km=asked.km,
             background=asked.background,
         )
+    if asked.recording is not None and is_without_truth(asked.recording):
+        note(f"trackfg: note: {asked.recording}: has no [truth]: the page shows no errors")
     tell(f"report: {page}")
 
 
@@ -536,30 +576,37 @@ def _limit_lines(result: Result, choice: LimitChoice | None) -> list[LimitLine]:
         return []
     lines, left_out = limit_lines(result, choice.table(), choice.line_speed_kmh)
     for reason, number in left_out.items():
-        print(f"trackfg: warning: {number} {'limit' if number == 1 else 'limits'} not drawn: {reason}", file=sys.stderr)
+        complain(f"trackfg: warning: {number} {'limit' if number == 1 else 'limits'} not drawn: {reason}")
     return lines
 
 
 def _warn_unless_converged(result: Result) -> None:
     if not result.summary.converged:
-        print(f"trackfg: warning: not converged: {result.summary.reason}", file=sys.stderr)
+        complain(f"trackfg: warning: not converged: {result.summary.reason}")
 
 
 def _warn_unless_located(result: Result) -> None:
     for finding in result.summary.findings:
         if finding.code == "not-on-map":
-            print(f"trackfg: warning: {finding.message}", file=sys.stderr)
+            complain(f"trackfg: warning: {finding.message}")
 
 
-app.command("import", epilog="Example: trackfg import log.csv -o run1 --mapping log.mapping.toml")(import_recording)
-app.command(epilog="Example: trackfg init log.csv -o run1")(init)
-app.command(epilog="Example: trackfg stream run1 --lag 10 -o out1")(stream)
-app.command(epilog="Example: trackfg batch runs.csv -o store")(batch)
-app.command(epilog="Example: trackfg browse store")(browse)
-app.command(epilog="Example: trackfg statistics out1 -o statistics.csv")(statistics)
-app.command(epilog="Example: trackfg overlay car1.csv car2.csv -o overlay1")(overlay)
-app.command(epilog="Example: trackfg balises out1 out2 --planned register.csv -o survey.csv")(balises)
-app.command(epilog="Example: trackfg noise rest.csv -o allan.png")(noise)
-app.command(epilog="Example: trackfg export out1 --to gpkg")(export)
-app.command(epilog="Example: trackfg config > settings.toml")(config)
+app.command(
+    "import",
+    example="trackfg import log.csv -o run1 --mapping log.mapping.toml",
+    loads="trackfg.interchange.importing.conversion",
+)(import_recording)
+app.command(example="trackfg init log.csv -o run1", loads="trackfg.interchange.importing.conversion")(init)
+app.command(example="trackfg stream run1 --lag 10 -o out1", loads="trackfg.streaming.fixed_lag")(stream)
+app.command(example="trackfg batch runs.csv -o store", loads="trackfg.fleet.batch")(batch)
+app.command(example="trackfg browse store", loads="trackfg.cli.browse.pages")(browse)
+app.command(example="trackfg statistics out1 -o statistics.csv", loads="trackfg.report.track_statistics")(statistics)
+app.command(example="trackfg overlay car1.csv car2.csv -o overlay1", loads="trackfg.mapping.runs.run_overlay")(overlay)
+app.command(
+    example="trackfg balises out1 out2 --planned register.csv -o survey.csv",
+    loads="trackfg.mapping.runs.balise_survey",
+)(balises)
+app.command(example="trackfg noise rest.csv -o allan.png", loads="trackfg.interchange.importing.sensor_log")(noise)
+app.command(example="trackfg export out1 --to gpkg", loads="trackfg.interchange.exporting.export")(export)
+app.command(example="trackfg config > settings.toml")(config)
 app.add_typer(maps, name="map")

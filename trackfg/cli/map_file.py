@@ -7,13 +7,13 @@ conflict the newest map is read again and the runs are joined to that.
 from __future__ import annotations
 
 import os
-import sys
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
 
 from trackfg.cli.stored_runs import runs_of_store, stored_run
+from trackfg.cli.terminal import complain
 from trackfg.config import SmoothConfig
 from trackfg.errors import BadInputError, printable
 from trackfg.files.owned_folder import refuse_unwritable
@@ -112,7 +112,7 @@ def _mapped(fleet: FleetRuns, runs: int) -> AbstractContextManager[Mapped]:
 
 
 def _name(recording_id: str, error: BadInputError) -> None:
-    print(f"trackfg: warning: left out: {printable(str(error))}", file=sys.stderr)
+    complain(f"trackfg: warning: left out: {printable(str(error))}")
 
 
 def _result(

@@ -28,7 +28,7 @@ MapPlace = Annotated[str, typer.Argument(metavar="MAP", help=_PLACE, show_defaul
 _NEWEST = "The newest if absent."
 
 
-@maps.command(epilog="Example: trackfg map build out1 out2 run3 -o line.gpkg")
+@maps.command(example="trackfg map build out1 out2 run3 -o line.gpkg", loads="trackfg.cli.map_file")
 def build(
     runs: Annotated[
         list[str],
@@ -75,7 +75,7 @@ def build(
     tell(f"map: {locate(place).shown} version {built.version}: {len(built.runs)} runs, {km:.1f} km, {curves} curves")
 
 
-@maps.command(epilog="Example: trackfg map changes out5 line.gpkg -o changes.csv")
+@maps.command(example="trackfg map changes out5 line.gpkg -o changes.csv", loads="trackfg.mapping")
 def changes(
     run: Annotated[Path, typer.Argument(metavar="OUT", help="Folder of a result.", show_default=False)],
     place: MapPlace,
@@ -84,7 +84,7 @@ def changes(
     floor: Annotated[
         float, typer.Option(metavar="MM", min=0.0, help="Least change of cross-level, twist and versines.")
     ] = 1.0,
-    km: Km = False,
+    km: Km = None,
     json: Json = False,
 ) -> None:
     """List where a run shows other track than the map: significant changes, each with place, size and sigma."""
@@ -95,7 +95,7 @@ def changes(
     from trackfg.results.result import Result
 
     feature_map = read_map(place, version)
-    kilometrage = _kilometrage(feature_map) if km else None
+    kilometrage = _kilometrage(feature_map, km)
     with working("changes"):
         track_changes = find_changes(Result.read(run), feature_map, floor_mm=floor)
     track_changes = replace(track_changes, table=with_km(track_changes.table, kilometrage, of="from_m"))
@@ -139,7 +139,10 @@ class TrendChoices:
     json: Json = False
 
 
-@maps.command(epilog="Example: trackfg map trends line.gpkg out1 out2 out3 --limits ours.toml -o trends")
+@maps.command(
+    example="trackfg map trends line.gpkg out1 out2 out3 --limits ours.toml -o trends",
+    loads="trackfg.mapping.trends.trends",
+)
 @with_options(TrendChoices)
 def trends(options: TrendChoices) -> None:
     """Find how fast the track changes from run to run, where it jumped, and when it will reach limits.
@@ -185,11 +188,11 @@ def trends(options: TrendChoices) -> None:
     show_or_tell(*trend_tables.of_trends(found), written="\n".join(written) or None)
 
 
-@maps.command(epilog="Example: trackfg map show line.gpkg")
+@maps.command(example="trackfg map show line.gpkg", loads="trackfg.maps")
 def show(
     place: MapPlace,
     version: Annotated[int | None, typer.Option(metavar="N", help=_NEWEST, show_default=False)] = None,
-    km: Km = False,
+    km: Km = None,
     json: Json = False,
 ) -> None:
     """Show what a map covers and how well, its runs, landmarks and versions."""
@@ -197,7 +200,7 @@ def show(
     from trackfg.maps import read_map, read_versions
 
     versions, feature_map = read_versions(place), read_map(place, version)
-    kilometrage = _kilometrage(feature_map) if km else None
+    kilometrage = _kilometrage(feature_map, km)
     if json:
         print(map_tables.map_json(feature_map, versions, kilometrage))
         return
@@ -205,7 +208,7 @@ def show(
         show_table(table)
 
 
-@maps.command(epilog="Example: trackfg map diff line.gpkg --from-version 1 --to-version 3")
+@maps.command(example="trackfg map diff line.gpkg --from-version 1 --to-version 3", loads="trackfg.mapping")
 def diff(
     first: Annotated[str, typer.Argument(metavar="A", help=_PLACE, show_default=False)],
     second: Annotated[
@@ -222,7 +225,7 @@ def diff(
     to_version: Annotated[
         int | None, typer.Option(metavar="N", help="Version of B. The newest if absent.", show_default=False)
     ] = None,
-    km: Km = False,
+    km: Km = None,
     json: Json = False,
 ) -> None:
     """Compare two maps, or two versions of one: what moved, and by how many sigmas.
@@ -244,9 +247,9 @@ def diff(
         comparison = difference(a, b)
     except ValueError as error:
         raise BadInputError(f"the maps cannot be compared: {error}") from error
-    if km:
-        added, removed = (with_km(part, _kilometrage(b)) for part in (comparison.added, comparison.removed))
-        comparison = replace(comparison, added=added, removed=removed)
+    kilometrage = _kilometrage(b, km)
+    added, removed = (with_km(part, kilometrage) for part in (comparison.added, comparison.removed))
+    comparison = replace(comparison, added=added, removed=removed)
     if json:
         print(map_tables.difference_json(a, b, comparison))
         return
@@ -254,7 +257,9 @@ def diff(
         show_table(table)
 
 
-def _kilometrage(feature_map: FeatureMap) -> Kilometrage:
+def _kilometrage(feature_map: FeatureMap, wanted: bool | None) -> Kilometrage | None:
+    """Return the kilometrage by which places are shown; None where they are not."""
     from trackfg.results.official_places import kilometrage_of_map
 
-    return kilometrage_of_map(feature_map.name, feature_map.configuration).kilometrage()
+    line = kilometrage_of_map(feature_map.name, feature_map.configuration, wanted)
+    return None if line is None else line.kilometrage()

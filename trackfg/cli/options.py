@@ -1,17 +1,25 @@
-"""Options that commands share, and commands whose options are one object."""
+"""Options that commands share, commands whose options are one object, and their help.
+
+Help is plain text: commands by what they are for, arguments by the names that the usage line has. As rich markup it
+would lose words in brackets and break lines where the source does; typer's own plain text shows the types of Python
+beside arguments.
+"""
 
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import nullcontext
 from functools import wraps
+from importlib import import_module
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
 import typer
+from typer.core import TyperCommand, TyperGroup
 
-from trackfg.cli.terminal import printed_as_json, set_quiet
+from trackfg.cli.freed_memory import without_collection
+from trackfg.cli.terminal import printed_as_json, set_quiet, working
 from trackfg.errors import BadInputError
 
 T = TypeVar("T")
@@ -52,8 +60,15 @@ def out_file(help_text: str, metavar: str = "FILE") -> Any:
 
 TableFile = Annotated[Path | None, out_file("Table to write: .csv.")]
 
-Km = Annotated[bool, typer.Option("--km", help="Show official places of the line, such as 12+345.60, too.")]
-"""Official kilometrage on request: the same option of all commands that show places."""
+Km = Annotated[
+    bool | None,
+    typer.Option(
+        "--km/--no-km",
+        help="Show official places, such as 12+345.60. They are shown by default where the line has them.",
+        show_default=False,
+    ),
+]
+"""Official kilometrage: the same option of all commands that show places."""
 
 
 PORT = 8765
@@ -74,28 +89,102 @@ def with_options(kind: Callable[..., T]) -> Callable[[Callable[[T], None]], Call
     return with_fields
 
 
-class Commands(typer.Typer):
-    """Commands that each take ``--quiet`` and ``--json``.
+SECTIONS = {
+    "To begin with": ("demo", "scenarios", "simulate"),
+    "Recordings": ("init", "import", "check", "noise"),
+    "Smoothing": ("smooth", "batch", "stream", "config"),
+    "Results": ("report", "limits", "plot", "statistics", "export", "browse"),
+    "Several runs of a line": ("map", "overlay", "balises"),
+    "Other systems": ("compare", "baseline", "estimators"),
+}
+"""What the help of trackfg lists, and in which order."""
 
-    Help is plain text: as rich markup it would lose words in brackets and break lines where the source does.
-    """
+
+class PlainCommand(TyperCommand):
+    """A command whose help names its arguments as a user writes them."""
+
+    def collect_usage_pieces(self, ctx: Any) -> list[str]:
+        """Return what the usage line has after the command's name: what may be left out is in brackets."""
+        arguments = [param for param in self.get_params(ctx) if param.param_type_name == "argument"]
+        names = (_name(param) if param.required else f"[{_name(param)}]" for param in arguments)
+        return [*([self.options_metavar] if self.options_metavar else []), *names]
+
+    def format_options(self, ctx: Any, formatter: Any) -> None:
+        """Write arguments and options, one below the other."""
+        rows: dict[str, list[tuple[str, str]]] = {"Arguments": [], "Options": []}
+        for param in self.get_params(ctx):
+            record = param.get_help_record(ctx)
+            if record is None:
+                continue
+            if param.param_type_name == "argument":
+                rows["Arguments"].append((_name(param), record[1]))
+            else:
+                rows["Options"].append(record)
+        _write_sections(formatter, rows)
+
+
+class PlainGroup(TyperGroup):
+    """A group of commands, listed by :data:`SECTIONS`; those that no section has stand at the end."""
+
+    def format_commands(self, ctx: Any, formatter: Any) -> None:
+        """Write the sections of commands."""
+        commands = {name: self.get_command(ctx, name) for name in self.list_commands(ctx)}
+        width = max(map(len, commands))
+        texts = {
+            name: command.get_short_help_str(formatter.width - 6 - width)
+            for name, command in commands.items()
+            if command is not None and not command.hidden
+        }
+        rows = {
+            heading: [(name.ljust(width), texts.pop(name)) for name in names if name in texts]
+            for heading, names in SECTIONS.items()
+        }
+        _write_sections(formatter, {**rows, "Commands": [(name.ljust(width), text) for name, text in texts.items()]})
+
+
+def _name(argument: Any) -> str:
+    """Return an argument as a user sees it: ``REC``, or ``RUN...`` where several may be given."""
+    return f"{argument.metavar or argument.name.upper()}{'' if argument.nargs == 1 else '...'}"
+
+
+def _write_sections(formatter: Any, rows: Mapping[str, Sequence[tuple[str, str]]]) -> None:
+    for heading, records in rows.items():
+        if records:
+            with formatter.section(heading):
+                formatter.write_dl(records)
+
+
+class Commands(typer.Typer):
+    """Commands that each take ``--quiet`` and ``--json``, with help as plain text."""
 
     def __init__(self, **settings: Any) -> None:
-        super().__init__(no_args_is_help=True, pretty_exceptions_enable=False, rich_markup_mode=None, **settings)
+        super().__init__(
+            no_args_is_help=True, pretty_exceptions_enable=False, rich_markup_mode=None, cls=PlainGroup, **settings
+        )
 
-    def command(self, name: str | None = None, **settings: Any) -> Callable[[Command], Command]:
-        """Return the decorator that makes a function a command, listed with the whole of its first sentence."""
+    def command(
+        self, name: str | None = None, *, example: str = "", loads: str | None = None, **settings: Any
+    ) -> Callable[[Command], Command]:
+        """Return the decorator that makes a function a command, listed with the whole of its first sentence.
+
+        ``example`` is a line to type. ``loads`` is the module that the command imports for a second or more: a bar
+        shows meanwhile that it has begun.
+        """
 
         def register(run: Command) -> Command:
             first_sentence = inspect.cleandoc(run.__doc__ or "").partition("\n\n")[0].replace("\n", " ")
-            super(Commands, self).command(name, short_help=first_sentence, **settings)(_with_output_options(run))
+            shown: dict[str, Any] = {"short_help": first_sentence, "epilog": f"Example: {example}", "cls": PlainCommand}
+            super(Commands, self).command(name, **shown, **settings)(_with_output_options(run, loads))
             return run
 
         return register
 
 
-def _with_output_options(run: Callable[..., None]) -> Callable[..., None]:
-    """Add ``--quiet``, and ``--json`` where the command has none of its own: it then prints what it tells as JSON."""
+def _with_output_options(run: Callable[..., None], loads: str | None) -> Callable[..., None]:
+    """Add ``--quiet``, and ``--json`` where the command has none of its own: it then prints what it tells as JSON.
+
+    The module that it ``loads`` is imported before it runs.
+    """
     signature = inspect.signature(run, eval_str=True)
     has_json = "json" in signature.parameters
 
@@ -103,6 +192,9 @@ def _with_output_options(run: Callable[..., None]) -> Callable[..., None]:
     def command(*, quiet: bool, **values: Any) -> None:
         if quiet:
             set_quiet(True)
+        if loads is not None:
+            with working("starting"), without_collection():
+                import_module(loads)
         with printed_as_json() if not has_json and values.pop("json") else nullcontext():
             run(**values)
 

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from trackfg.cli.options import PORT, Port, with_options
-from trackfg.cli.terminal import note, progress_bar
+from trackfg.cli.terminal import complain, note, progress_bar
 from trackfg.errors import BadInputError
 
 if TYPE_CHECKING:
@@ -118,8 +118,14 @@ def stream(options: StreamOptions) -> None:
         print(json_text.dumps(asdict(counts), indent=2))
     events = ", ".join(f"{number} {kind}" for kind, number in sorted(counts.events.items())) or "no events"
     note(f"{counts.rows_in} rows, {counts.rows_used} of them used; {counts.keyframes} keyframes; {events}")
+    if 2 * counts.rows_used < counts.rows_in:
+        complain(
+            f"trackfg: warning: {counts.rows_in - counts.rows_used} of {counts.rows_in} rows were dropped, so that the "
+            "estimates are of little worth. Hint: the table events says why; rows of a table have to come nearly in "
+            "the order of their times"
+        )
     for doubt in counts.doubts:
-        print(f"trackfg: warning: {doubt}", file=sys.stderr)
+        complain(f"trackfg: warning: {doubt}")
 
 
 @contextmanager
@@ -236,8 +242,8 @@ def _source(name: str, *, real_time: bool, position: int) -> Source:
 
     recording = read_recording(name)
     for finding in recording.findings:
-        print(f"trackfg: {finding.level}: {finding}", file=sys.stderr)
+        complain(f"trackfg: {finding.level}: {finding}")
     for section in _ONLY_SMOOTHED:
         if getattr(recording.description, section) is not None:
-            print(f"trackfg: warning: a stream does not use [{section}], as trackfg smooth does", file=sys.stderr)
+            complain(f"trackfg: warning: a stream does not use [{section}], as trackfg smooth does")
     return RecordingSource(recording, speed=1.0 if real_time else None, position=position)

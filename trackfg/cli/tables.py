@@ -15,7 +15,7 @@ from rich.text import Text
 
 from trackfg.cli.terminal import titled
 from trackfg.results.result import Result
-from trackfg.results.summary import Estimate, Mounting, Summary, VectorEstimate
+from trackfg.results.summary import Estimate, Mounting, Solver, Summary, VectorEstimate
 from trackfg.results.verdict import causes, opinions
 
 if TYPE_CHECKING:
@@ -24,6 +24,9 @@ if TYPE_CHECKING:
     from trackfg.recording.findings import Finding
 
 _DEG_PER_H = math.degrees(1.0) * 3600.0
+
+_VAGUE = 10.0
+"""A slope whose interval reaches over more than this factor is not shown. Chosen for the look."""
 
 _COLOUR = {"error": "bold red", "warning": "yellow", "info": "cyan"}
 
@@ -125,7 +128,10 @@ def _rest(bias: Mapping[str, Any] | None, noise: Mapping[str, Any] | None) -> di
 
 
 def _slope(slope: Mapping[str, float] | None) -> str:
-    return f"{slope['value']:.3f}, between {slope['low']:.3f} and {slope['high']:.3f}" if slope else ""
+    """Return a slope with its interval; nothing where that is so wide that it says nothing."""
+    if not slope or slope["high"] > _VAGUE * slope["low"]:
+        return ""
+    return f"{slope['value']:.3f}, between {slope['low']:.3f} and {slope['high']:.3f}"
 
 
 def _scale(scale: Mapping[str, Any] | None) -> str:
@@ -171,9 +177,15 @@ def _solver(page: Summary) -> dict[str, str]:
     if solver is None:
         return {}
     return {
-        "solver": f"{solver.reason} ({solver.iterations} iterations, {page.keyframes} keyframes)",
+        "solver": f"{_converged(solver)}; {solver.reason}; {page.keyframes} keyframes",
         "cost": f"{solver.cost:.1f} at {solver.degrees_of_freedom} degrees of freedom",
     }
+
+
+def _converged(solver: Solver) -> str:
+    """Return whether the solver came to its end, and in how many iterations."""
+    iterations = f"{solver.iterations} iteration{'' if solver.iterations == 1 else 's'}"
+    return f"{'converged in' if solver.converged else 'did not converge in'} {iterations}"
 
 
 def verdicts(result: Result) -> tuple[Table, Table]:

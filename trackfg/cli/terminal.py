@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import json
+import shutil
 import sys
+import textwrap
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from typing import TYPE_CHECKING, Any
 
 import typer
+
+from trackfg.errors import printable
 
 if TYPE_CHECKING:
     from rich.console import Console, RenderableType
@@ -33,8 +37,19 @@ def show(table: RenderableType) -> None:
     if not console.is_terminal:
         console.width = _WIDTH_IN_A_PIPE
     if isinstance(table, Table):
+        _escape(table)
         _fit(table, console)
     console.print(table)
+
+
+def _escape(table: Table) -> None:
+    """Escape the control characters of every text in a table, but for the ends of its lines: it may be a file's."""
+    from rich.text import Text
+
+    for column in table.columns:
+        for cell in column.cells:
+            if isinstance(cell, Text) and not cell.plain.isprintable():
+                cell.plain = "\n".join(map(printable, cell.plain.split("\n")))
 
 
 def _fit(table: Table, console: Console) -> None:
@@ -148,7 +163,21 @@ def show_or_tell(*parts: RenderableType, written: str | None) -> None:
 def note(text: str) -> None:
     """Print what is worth knowing to standard error; nothing with ``--quiet``."""
     if not _Loudness.quiet:
-        print(text, file=sys.stderr)
+        complain(text)
+
+
+def complain(text: str) -> None:
+    """Print a message to standard error: one line, which a terminal breaks between words."""
+    if sys.stderr.isatty():
+        columns = shutil.get_terminal_size().columns
+        text = textwrap.fill(text, columns, break_long_words=False, break_on_hyphens=False)
+    print(text, file=sys.stderr)
+
+
+def next_step(*commands: str) -> None:
+    """Say on a terminal which commands go on from here; nothing in a pipe, and nothing with ``--quiet``."""
+    if shows_progress() and _Loudness.collected is None:
+        print("next: " + "\n      ".join(commands), file=sys.stderr)
 
 
 def shows_progress() -> bool:
@@ -197,3 +226,25 @@ def working(what: str) -> Iterator[None]:
         if progress is not None:
             progress(what, None)
         yield
+
+
+class Interruptible:
+    """Shows on a terminal that a command is at work on ``what``, and nothing while it asks something."""
+
+    def __init__(self, what: str) -> None:
+        self._what = what
+        self._shown = ExitStack()
+
+    def __enter__(self) -> Interruptible:
+        self._shown.enter_context(working(self._what))
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._shown.close()
+
+    @contextmanager
+    def interrupted(self) -> Iterator[None]:
+        """Show nothing within the block."""
+        self._shown.close()
+        yield
+        self._shown.enter_context(working(self._what))

@@ -6,7 +6,7 @@ An estimator takes a recording and gives the smoother's tables, as far as it kno
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -35,11 +35,28 @@ Run = Callable[[Recording], BaselineResult]
 
 @dataclass(frozen=True)
 class Estimator:
-    """``title`` and ``source`` say in a line what it is and where it was published.
+    """An estimator takes a recording, and gives the tables of a result as far as it knows them.
 
-    ``tasks`` are what it is for, and judged by. ``anchored``: its chainage is that of the line where the recording has
-    fixes; others count from anywhere. ``printed``: the same with the equations as the paper prints them, where they
-    differ.
+    Attributes
+    ----------
+    title, source
+        What it is and where it was published, in a line.
+    run
+        The estimator: from a :class:`~trackfg.Recording` to a :class:`~trackfg.baselines.result.BaselineResult`.
+    tasks
+        What it is for, and judged by.
+    anchored
+        Whether its chainage is that of the line where the recording has fixes; others count from anywhere.
+    printed
+        The same with the equations as the paper prints them, where they differ.
+
+    Examples
+    --------
+    >>> from trackfg.baselines import dead_reckoning
+    >>> from trackfg.comparison import Estimator
+    >>> mine = Estimator("wheel and gyro", "own", dead_reckoning.run, ("distance and position",))
+    >>> mine.run(trackfg.read_recording("run1")).trajectory.columns[:2].tolist()
+    ['t_s', 'chainage_m']
     """
 
     title: str
@@ -93,6 +110,13 @@ def estimators(*, peers: bool = True) -> dict[str, Estimator]:
     if peers and is_installed("python-ins"):
         known["python-ins"] = Estimator("feedback EKF", "python-ins", python_ins.run, (*_ATTITUDE, *_PLACE))
     return known
+
+
+def with_own(known: Mapping[str, Estimator], own: Mapping[str, Estimator]) -> dict[str, Estimator]:
+    """Return estimators and a user's own ones. Raises :class:`BadInputError` where these have the name of another."""
+    if taken := sorted(known.keys() & own.keys()):
+        raise BadInputError(f"estimator {taken[0]!r}: the name is taken; expected another name for one of your own")
+    return {**known, **own}
 
 
 def estimator(name: str, *, as_printed: bool = False) -> Run:

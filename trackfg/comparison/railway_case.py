@@ -21,7 +21,7 @@ from trackfg.comparison.case import (
     with_first_column,
 )
 from trackfg.comparison.differences import differences
-from trackfg.comparison.estimators import SMOOTHER, Estimator, estimators
+from trackfg.comparison.estimators import SMOOTHER, Estimator, estimators, with_own
 from trackfg.comparison.table import BAND_KMH, BANDED, QUANTITIES, TRUTH
 from trackfg.datasets.scenarios import scenario, simulate
 from trackfg.evaluation.geometry_errors import geometry_errors
@@ -45,13 +45,13 @@ class _Truth:
         return distance_km(self.trajectory)
 
 
-def run_railway_case(case: Case, *, peers: bool, keep: bool, show: Progress) -> CaseRun:
-    """Run every estimator, other packages with ``peers``, and score it. ``keep``: keep its curves too.
+def run_railway_case(case: Case, *, peers: bool, keep: bool, show: Progress, own: Mapping[str, Estimator]) -> CaseRun:
+    """Run every estimator, other packages with ``peers`` and a user's ``own``, and score it. ``keep``: keep its curves.
 
     Raises :class:`~trackfg.errors.TrackfgError` where the recording cannot be read.
     """
     recording, summary, truth = _measured(case, show)
-    known = estimators(peers=peers)
+    known = with_own(estimators(peers=peers), own)
     estimates, seconds, left_out = run_all({name: one.run for name, one in known.items()}, recording, show)
     clock = recording.imu["t_s"].to_numpy()
     duration = float(clock[-1] - clock[0])
@@ -107,7 +107,7 @@ def _held_against_the_smoother(
 def _measured(case: Case, show: Progress) -> tuple[Recording, str, _Truth | None]:
     """Return the recording, a line on it, and its truth where it has one."""
     if case.kind in ("recording", "alone"):
-        recording, summary = read_recording(case.folder), f"recording in {case.folder.name}"
+        recording, summary = read_recording(case.folder), f"recording, folder {case.folder.name}"
         if not has_truth(case.folder):
             return recording, summary, None
         return recording, summary, _Truth(read_truth(case.folder), read_truth_geometry(case.folder))

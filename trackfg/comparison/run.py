@@ -10,16 +10,18 @@ estimator, so that differences are paired.
 from __future__ import annotations
 
 import multiprocessing
+import os
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 
 from trackfg.comparison.case import Case, CaseKind, CaseRun, Progress, joined
-from trackfg.comparison.estimators import Estimator, estimators
+from trackfg.comparison.estimators import Estimator, estimators, with_own
 from trackfg.comparison.friction_case import FRICTION_DRIVES, FrictionEstimator, friction_estimators, run_friction_case
 from trackfg.comparison.railway_case import run_railway_case
 from trackfg.comparison.table import QUANTITIES, SCORE_COLUMNS, About, ComparedCase, Comparison, LeftOut, rows_of
@@ -41,27 +43,59 @@ STANDARD_S = {
     "j-turn": None,
 }
 """What is compared unless something else is named, and for how long."""
+NONE_OWN: Mapping[str, Estimator] = {}
+"""No estimator of a user's own."""
 
 
 def cases_of(
-    recordings: Sequence[Path] = (), scenarios: Sequence[str] = (), *, seeds: int = 3, duration_s: float | None = None
+    recordings: Sequence[str | os.PathLike[str]] = (),
+    scenarios: Sequence[str] = (),
+    *,
+    seeds: int = 3,
+    duration_s: float | None = None,
 ) -> list[Case]:
-    """Return the runs of a comparison; the standard scenarios where there are neither recordings nor names.
+    """Return the runs of a comparison.
 
-    Raises :class:`BadInputError` for an unknown scenario, a recording that cannot be read, and two of one id.
+    Parameters
+    ----------
+    recordings
+        Folders of recordings.
+    scenarios
+        Names of scenarios that are simulated; the standard ones where there are neither recordings nor names.
+    seeds
+        How many runs of each scenario.
+    duration_s
+        Length of each simulated run, s, instead of the scenario's own.
+
+    Returns
+    -------
+    list of trackfg.comparison.case.Case
+        The runs in order. A single recording without a truth has one with each third of its measurements withheld.
+
+    Raises
+    ------
+    BadInputError
+        For an unknown scenario, a recording that cannot be read, and two of one id.
+
+    Examples
+    --------
+    >>> from trackfg.comparison import cases_of
+    >>> [case.seed for case in cases_of(scenarios=["trolley"], seeds=2)]
+    [0, 1]
     """
+    folders = [Path(folder) for folder in recordings]
     named = dict.fromkeys(scenarios, duration_s)
-    if not recordings and not scenarios:
+    if not folders and not scenarios:
         named = {name: duration_s or standard for name, standard in STANDARD_S.items()}
     for name in named:
         if name not in FRICTION_DRIVES:
             scenario(name)
-    ids = [read_recording(folder).description.id for folder in recordings]
+    ids = [read_recording(folder).description.id for folder in folders]
     if twice := [name for name in ids if ids.count(name) > 1]:
         raise BadInputError(f"two recordings have the id {twice[0]!r}; expected a different one each")
-    alone = [folder for folder in recordings if not has_truth(folder)]
+    alone = [folder for folder in folders if not has_truth(folder)]
     cases = []
-    for name, folder in zip(ids, recordings, strict=True):
+    for name, folder in zip(ids, folders, strict=True):
         cases += _alone(name, folder) if alone == [folder] else [Case(name, "recording", folder=folder)]
     for name, length in named.items():
         kind: CaseKind = "friction" if name in FRICTION_DRIVES else "scenario"
@@ -83,31 +117,72 @@ def _alone(name: str, folder: Path) -> list[Case]:
     return cases
 
 
-def run_case(case: Case, *, peers: bool = True, keep: bool = True, progress: Progress | None = None) -> CaseRun:
+def run_case(
+    case: Case,
+    *,
+    peers: bool = True,
+    keep: bool = True,
+    progress: Progress | None = None,
+    own: Mapping[str, Estimator] = NONE_OWN,
+) -> CaseRun:
     """Run every estimator of the case's kind once, other packages with ``peers``. ``keep``: keep its curves too.
 
-    ``progress(estimator, fraction)`` is called before each. Raises :class:`~trackfg.errors.TrackfgError` where the
-    recording cannot be read.
+    ``progress(estimator, fraction)`` is called before each; ``own`` are a user's estimators of a railway recording.
+    Raises :class:`~trackfg.errors.TrackfgError` where the recording cannot be read.
     """
     show = progress or (lambda what, done: None)
     if case.kind == "friction":
         return run_friction_case(case, show=show)
     if case.kind == "withheld":
-        return run_withheld_case(case, peers=peers, show=show)
-    return run_railway_case(case, peers=peers, keep=keep, show=show)
+        return run_withheld_case(case, peers=peers, show=show, own=own)
+    return run_railway_case(case, peers=peers, keep=keep, show=show, own=own)
 
 
 def compare(
-    cases: Sequence[Case], *, peers: bool = True, jobs: int = 1, progress: Progress | None = None
+    cases: Sequence[Case],
+    *,
+    own: Mapping[str, Estimator] = NONE_OWN,
+    peers: bool = True,
+    jobs: int = 1,
+    progress: Progress | None = None,
 ) -> Comparison:
-    """Run and score all cases, in ``jobs`` processes; other packages too where they are installed (``peers``).
+    """Run and score all cases.
 
-    ``progress(what, fraction)`` is called whenever a run is done, in one process whenever an estimator is.
-    Raises :class:`~trackfg.errors.TrackfgError` where a recording cannot be read or nothing can be scored; an estimator
-    that cannot use a recording is left out, and its reason kept.
+    Parameters
+    ----------
+    cases
+        What :func:`cases_of` gives.
+    own
+        Estimators of your own, by their names: they run beside the others on the same recordings.
+    peers
+        Whether other packages run too, where they are installed.
+    jobs
+        Processes. With more than one the functions of ``own`` have to be importable: those of a notebook are not.
+    progress
+        Called as ``progress(what, fraction)`` whenever a run is done, in one process whenever an estimator is.
+
+    Returns
+    -------
+    Comparison
+        The scores, the curves of the first run of each case, and what was left out with its reason.
+
+    Raises
+    ------
+    TrackfgError
+        Where a recording cannot be read or nothing can be scored, and for a name of ``own`` that another estimator has.
+
+    Examples
+    --------
+    >>> from trackfg.baselines import dead_reckoning
+    >>> from trackfg.comparison import Estimator, cases_of, compare
+    >>> mine = Estimator("wheel and gyro", "own", dead_reckoning.run, ("distance and position",))
+    >>> comparison = compare(cases_of(["run1"]), own={"mine": mine}, peers=False)
+    >>> {"mine", "smoother", "composite"} <= set(comparison.scores["estimator"])
+    True
     """
     start = time.perf_counter()
-    runs = list(_runs(cases, peers, jobs, progress))
+    with_own(estimators(peers=peers), own)
+    runs = list(_runs(cases, _How(peers, jobs, own), progress))
     scores = joined(
         [*(run.scores for run in runs), *_repeatability([run for run in runs if run.basis == "repeatability"])]
     )
@@ -115,7 +190,7 @@ def compare(
         reasons = "".join(f"; {name}: {reason}" for run in runs for name, reason in run.left_out.items())
         raise BadInputError(f"nothing to compare with: no estimator could be scored{reasons}")
     scores = scores.reindex(columns=list(SCORE_COLUMNS))
-    known: dict[str, Estimator | FrictionEstimator] = {**friction_estimators(), **estimators()}
+    known: dict[str, Estimator | FrictionEstimator] = {**friction_estimators(), **estimators(), **own}
     compared = tuple(one for run in runs for one in run.differences)
     present = {*scores["estimator"], *(one.estimator for one in compared)}
     about = About(
@@ -134,21 +209,33 @@ def compare(
     )
 
 
-def _runs(cases: Sequence[Case], peers: bool, jobs: int, progress: Progress | None) -> Iterator[CaseRun]:
+@dataclass(frozen=True)
+class _How:
+    """How cases are run: other packages too (``peers``), in so many processes, with a user's ``own`` estimators."""
+
+    peers: bool
+    jobs: int
+    own: Mapping[str, Estimator]
+
+
+def _runs(cases: Sequence[Case], how: _How, progress: Progress | None) -> Iterator[CaseRun]:
     """Run the cases in their order. The curves of the first run of each name are kept."""
     keep = [case.name not in {earlier.name for earlier in cases[:number]} for number, case in enumerate(cases)]
-    if jobs == 1 or len(cases) == 1:
+    if how.jobs == 1 or len(cases) == 1:
         for number, case in enumerate(cases):
 
             def show(what: str, done: float, number: int = number, name: str = case.name) -> None:
                 if progress is not None:
                     progress(f"{name}: {what}", (number + done) / len(cases))
 
-            yield run_case(case, peers=peers, keep=keep[number], progress=show)
+            yield run_case(case, peers=how.peers, keep=keep[number], progress=show, own=how.own)
         return
     # Spawned, not forked: a fork of a process whose libraries have threads may hang.
-    with ProcessPoolExecutor(jobs, mp_context=multiprocessing.get_context("spawn")) as pool:
-        futures = [pool.submit(run_case, case, peers=peers, keep=kept) for case, kept in zip(cases, keep, strict=True)]
+    with ProcessPoolExecutor(how.jobs, mp_context=multiprocessing.get_context("spawn")) as pool:
+        futures = [
+            pool.submit(run_case, case, peers=how.peers, keep=kept, own=how.own)
+            for case, kept in zip(cases, keep, strict=True)
+        ]
         try:
             for done, future in enumerate(as_completed(futures), start=1):
                 future.result()  # a failure ends the comparison at once

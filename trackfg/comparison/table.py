@@ -207,8 +207,8 @@ class Comparison(KeyFigures):
         """Return the cases, the estimators and the number of scores."""
         return {
             "cases": ", ".join(case.name for case in self.about.cases) or "no case",
-            "runs": f"{sum(len(case.seeds) for case in self.about.cases)} runs",
-            "estimators": f"{len(self.about.estimators)} estimators",
+            "runs": _counted(sum(len(case.seeds) for case in self.about.cases), "run"),
+            "estimators": _counted(len(self.about.estimators), "estimator"),
             "scores": f"{len(self.scores)} scores",
         }
 
@@ -238,6 +238,10 @@ class Comparison(KeyFigures):
         except (ValidationError, ValueError, OSError) as error:
             raise BadInputError(f"{folder}: not a readable trackfg comparison: {error}") from error
         return cls(about, *tables.values())
+
+
+def _counted(number: int, noun: str) -> str:
+    return f"{number} {noun}{'' if number == 1 else 's'}"
 
 
 def _refuse_other_than_curves(what: str, table: pd.DataFrame, place: str) -> None:

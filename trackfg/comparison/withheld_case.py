@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 from trackfg.comparison.case import (
     Case,
     CaseRun,
@@ -12,21 +14,23 @@ from trackfg.comparison.case import (
     score_table,
     with_first_column,
 )
-from trackfg.comparison.estimators import estimators
+from trackfg.comparison.estimators import Estimator, estimators, with_own
 from trackfg.comparison.withholding import FOLDS, division, predicted
 from trackfg.evaluation.scores import score_run
 from trackfg.io.reader import read_recording
 
 
-def run_withheld_case(case: Case, *, peers: bool, show: Progress) -> CaseRun:
-    """Run every estimator of distance and position, other packages with ``peers``, without the withheld measurements.
+def run_withheld_case(case: Case, *, peers: bool, show: Progress, own: Mapping[str, Estimator]) -> CaseRun:
+    """Run every estimator of distance and position, other packages with ``peers`` and a user's ``own``, without the
+    withheld measurements.
 
     Its scores are those of its predictions of them.
     """
     assert case.withheld is not None
     recording = read_recording(case.folder)
     divided = division(recording, case.withheld, case.seed)
-    known = {name: one for name, one in estimators(peers=peers).items() if "distance and position" in one.tasks}
+    every = with_own(estimators(peers=peers), own)
+    known = {name: one for name, one in every.items() if "distance and position" in one.tasks}
     estimates, seconds, left_out = run_all({name: one.run for name, one in known.items()}, divided.kept, show)
     scores = joined(
         with_first_column(

@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any
 
 from trackfg.config import SmoothConfig
-from trackfg.errors import BadInputError
 from trackfg.files.small_file import json_of
 from trackfg.fleet.catalogue import Run
 from trackfg.fleet.freshness import (
@@ -25,7 +24,7 @@ from trackfg.fleet.freshness import (
 from trackfg.fleet.known_content import KnownContent, Sight, sight
 from trackfg.fleet.places import PlaceError, content_of, exists, joined, local_recording, read
 from trackfg.fleet.store import Store
-from trackfg.io.content import content_files, file_sha256, files_sha256
+from trackfg.io.content import content_files, files_sha256, line_sha256
 from trackfg.results.result import RESULT_FOLDER
 
 _COLUMNS = ("run", "status", "reason", "recording", "tags", *Inputs._fields)
@@ -58,7 +57,7 @@ def plan(runs: Sequence[Run], store: Store, known: KnownContent) -> list[Planned
     settings = {path: SmoothConfig.from_toml(path) if path else SmoothConfig() for path in _distinct(runs, "settings")}
     digests = {path: settings_sha256(values) for path, values in settings.items()}
     maps = {place: _newest_map(place) if place else "" for place in _distinct(runs, "map")}
-    lines = {place: _digest(place) if place else "" for place in _distinct(runs, "known_line")}
+    lines = {place: line_sha256(Path(place)) if place else "" for place in _distinct(runs, "known_line")}
     software = algorithm()
     listed = {row["run"]: row for row in store.read(_COLUMNS)}
     with_result = store.names()
@@ -86,13 +85,6 @@ def _newest_map(place: str) -> str:
     from trackfg.maps import read_versions  # its database takes a third of the time that planning without maps does
 
     return newest_map(read_versions(place))
-
-
-def _digest(known_line: str) -> str:
-    try:
-        return file_sha256(Path(known_line)).hex()
-    except OSError as error:
-        raise BadInputError(f"{known_line}: cannot be read: {error.strerror}: expected a file of tracks") from error
 
 
 def _distinct(runs: Iterable[Run], field: str) -> list[str | None]:

@@ -20,6 +20,7 @@ COLUMNS = (
     "standard",
     "level",
     "parameter",
+    "quantity",
     "column",
     "kind",
     "chainage_m",
@@ -32,8 +33,9 @@ COLUMNS = (
     "limit_mm",
     "speed_kmh",
 )
-"""An exceedance: the limit, the judged column, the place of the largest value with its 1-sigma, the stretch, the value
-with its 1-sigma, the limit's value and the line's speed. A sigma that the table does not have is NaN."""
+"""An exceedance: the limit, also in words (``quantity``), the judged column, the place of the largest value with its
+1-sigma, the stretch, the value with its 1-sigma, the limit's value and the line's speed. A sigma that the table does
+not have is NaN."""
 
 
 COLUMN_LENGTHS = ColumnLengths()
@@ -164,5 +166,6 @@ def _judge(
             for begin, end in zip(table["from_m"], table["to_m"], strict=True)
         ]
     table["standard"], table["level"], table["parameter"] = limit.standard, limit.level, limit.parameter
+    table["quantity"] = limit.quantity
     table["column"], table["kind"], table["limit_mm"] = quantity.name, limit.kind, limit.value_mm
     return table[list(COLUMNS)]

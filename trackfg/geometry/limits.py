@@ -37,6 +37,9 @@ CFR_213 = "cfr-213"
 
 _CFR_213_CLASS = f"{CFR_213}-class-"
 
+_OF_CURVES = ("elevation", "reverse_cross_level")
+"""Parameters that only curves have."""
+
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 
 Parameter = Literal[
@@ -114,13 +117,16 @@ class Limit(BaseModel):
 
     @property
     def quantity(self) -> str:
-        """Return the limited quantity in words: parameter, band, chord or base, and kind."""
-        over = [self.band, self.chord_m and f"{self.chord_m:g} m chord", self.base_m and f"over {self.base_m:g} m"]
-        words = [self.parameter.replace("_", " "), *(str(part) for part in over if part)]
+        """Return the limited quantity in words: parameter, band, chord or base, and any kind but a peak."""
+        over = "" if self.base_m is None else f" over {self.base_m:.3g} m"
+        words = [self.parameter.replace("cross_level", "cross-level").replace("_", " ") + over]
+        words += [] if self.band is None else [self.band]
+        words += [] if self.chord_m is None else [f"{self.chord_m:.3g} m chord"]
         words += ["uniformity"] if self.uniformity else []
-        words += [] if self.within_m is None else [f"{self.repeats} within {self.within_m:g} m"]
-        words += [] if self.track == "any" else [f"{self.track} track"]
-        return ", ".join([*words, self.kind])
+        words += [] if self.within_m is None else [f"{self.repeats} within {self.within_m:.3g} m"]
+        words += [] if self.track == "any" or self.parameter in _OF_CURVES else [f"{self.track} track"]
+        words += [] if self.kind == "peak" else [f"{self.kind} of {self.section_m:g} m"]
+        return ", ".join(words)
 
     def __str__(self) -> str:
         return ", ".join([self.standard, self.level, self.quantity])
@@ -218,6 +224,8 @@ class LimitChoice:
             limits = cfr_213()
         elif self.source.startswith(_CFR_213_CLASS):
             limits = at_level(cfr_213(), f"class {self.source.removeprefix(_CFR_213_CLASS)}")
+        elif not Path(self.source).exists() and "." not in Path(self.source).name:
+            raise BadInputError(_unknown_name(self.source))
         else:
             limits = read_limits(self.source)
         return limits if self.level is None else at_level(limits, self.level)
@@ -227,6 +235,14 @@ class LimitChoice:
         level = () if self.level is None else ("--level", self.level)
         speed = () if self.line_speed_kmh is None else ("--line-speed", f"{self.line_speed_kmh:g}")
         return ("--limits", self.source, *level, *speed)
+
+
+def _unknown_name(name: str) -> str:
+    """Return the message about a name that is neither a file's nor that of a built-in table."""
+    if name.startswith("en-13848"):
+        template = f"`trackfg config --limits {EN_13848_5} -o limits.toml`"
+        return f"no limits {name!r}: its numbers are not free to copy. Hint: {template} writes a template to fill in"
+    return f"no limits {name!r}: expected a file (.toml), or one of {CFR_213}, {_CFR_213_CLASS}1 to {_CFR_213_CLASS}9"
 
 
 def _validated(content: Mapping[str, Any], file: str) -> tuple[Limit, ...]:

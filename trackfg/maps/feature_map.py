@@ -147,6 +147,15 @@ class FeatureMap(KeyFigures):
     from) and ``written_at`` (UTC, ISO 8601) are given by :func:`trackfg.maps.write_map`; None before.
 
     Raises ``ValueError`` for tables that do not fit this description or each other.
+
+    Examples
+    --------
+    >>> from trackfg.maps import read_map
+    >>> line = read_map("line.gpkg")
+    >>> list(line.grid.columns)[:3]
+    ['chainage_m', 'chainage_m_sd', 'curvature_1pm']
+    >>> line.runs["run_id"].tolist()
+    ['mainline-seed1-run0']
     """
 
     name: str

@@ -51,10 +51,13 @@ def _copy(connection: sa.Connection, table: sa.Table, names: list[str], columns:
     batch = pa.table(arrays, names=names)
     text = io.BytesIO()
     pyarrow.csv.write_csv(batch, text, pyarrow.csv.WriteOptions(include_header=False, quoting_style="needed"))
+    statement = f"COPY {_quoted(connection, table, names)} FROM STDIN (FORMAT csv)"
     cursor = connection.connection.cursor()
     try:
-        with cursor.copy(f"COPY {_quoted(connection, table, names)} FROM STDIN (FORMAT csv)") as copy:
+        with cursor.copy(statement) as copy:
             copy.write(text.getbuffer())
+    except connection.dialect.loaded_dbapi.Error as error:  # SQLAlchemy does not see what its driver does here
+        raise sa.exc.DBAPIError(statement, None, error) from error
     finally:
         cursor.close()
 

@@ -24,7 +24,7 @@ from trackfg.maps.feature_map import FeatureMap, MapConventions, RunInformation
 from trackfg.maps.layers import LAYERS, Layer, layers
 from trackfg.maps.location import Location, locate
 from trackfg.maps.rows import Matrix, get_matrices, insert_frame, put_matrices, read_frame
-from trackfg.maps.schema import CONVENTION_COLUMNS, FORMAT, ORIGIN_COLUMNS, POOLED
+from trackfg.maps.schema import CONVENTION_COLUMNS, FORMAT, ORIGIN_COLUMNS, POOLED, ROWS_PER_VERSION
 from trackfg.maps.sql import sa
 from trackfg.numerics.arrays import Array
 
@@ -201,9 +201,23 @@ def write_map(feature_map: FeatureMap, location: str | os.PathLike[str], *, pare
         newest = _newest(connection, place)
         if newest != parent:
             raise MapConflictError(place.shown, parent, newest)
+        _refuse_later_rows(connection, place, newest or 0)
         written = replace(feature_map, version=(newest or 0) + 1, parent=parent, written_at=now)
         _write(connection, place, written, configuration, software)
     return written
+
+
+def _refuse_later_rows(connection: sa.Connection, place: Location, newest: int) -> None:
+    """Raise :class:`BadInputError` where a table has rows of a version after the newest one: their keys are taken."""
+    schema = place.schema
+    for table in (schema.landmarks, schema.line, schema.grid, schema.runs):
+        later = sa.select(sa.literal(1)).where(table.c.fid >= (newest + 1) * ROWS_PER_VERSION).limit(1)
+        if connection.execute(later).first() is not None:
+            raise BadInputError(
+                f"{place.shown}: table {table.name} has rows of a version after {newest}, which table "
+                f"{schema.versions.name} does not have: expected a row there for each version. Hint: build the map at "
+                "another place"
+            )
 
 
 def draw(location: str | os.PathLike[str], feature_map: FeatureMap, drawn: tuple[Layer, ...]) -> None:

@@ -186,7 +186,7 @@ def _ref(number: int) -> str:
 
 def _scale(panel: Panel) -> dict[str, Any]:
     if panel.log:
-        return {"type": "log", "dtick": 1}
+        return {"type": "log", "dtick": 1, "exponentformat": "none"}
     return {"range": panel.y_range, "zeroline": False, "exponentformat": "none"}
 
 

@@ -21,7 +21,9 @@ _MARGIN = 0.08
 
 
 def extent(values: Array, sigmas: Array, base: float, least: float) -> tuple[float, float]:
-    """Return least and greatest of the values measured well, ``base`` among them and, from it, ``least`` at least."""
+    """Return least and greatest of the values measured well, ``base`` among them and, from it, ``least`` at least, to
+    the sides on which there are values.
+    """
     finite = np.isfinite(values) & np.isfinite(sigmas)
     y, sd = values[finite], sigmas[finite]
     if y.size == 0:
@@ -29,7 +31,7 @@ def extent(values: Array, sigmas: Array, base: float, least: float) -> tuple[flo
     good = (sd <= _POOR * np.median(sd)) | (np.abs(y - np.median(y)) >= _POOR * sd)
     low, high = min(float(y[good].min()), base), max(float(y[good].max()), base)
     if max(base - low, high - base) < least:
-        return base - least, base + least
+        return (base - least if low < base else base), (base + least if high > base or low == base else base)
     return low, high
 
 

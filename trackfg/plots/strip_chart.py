@@ -17,6 +17,7 @@ import pandas as pd
 
 from trackfg.errors import BadInputError
 from trackfg.numerics.arrays import Array
+from trackfg.numerics.kilometrage import Kilometrage
 from trackfg.plots.curve_labels import curves, sense_and_radius
 from trackfg.plots.decimation import extremes
 from trackfg.plots.draw import drawn
@@ -33,6 +34,7 @@ from trackfg.plots.geometry_channels import (
 )
 from trackfg.plots.scales import common_zero, symmetric, with_limits, with_margin
 from trackfg.plots.sheet import BAND, BLUE, ORANGE, Panel, Sheet, SheetCurve, SheetLimit
+from trackfg.results.official_places import shown_kilometrage
 from trackfg.results.result import Result
 from trackfg.results.summary import GeometryConventions
 
@@ -44,6 +46,12 @@ _LONG_M = 2000.0
 
 _MARK_SHARE = 0.075
 """Width of the text at a curve, as a share of the chart's."""
+
+_HEADROOM = 0.2
+"""Room for texts above the curves of a panel, as a share of its height."""
+
+_ROUND_M = tuple(digit * 10.0**power for power in range(6) for digit in (1, 2, 5))
+"""Steps between official places that are shown, m."""
 
 _SMALL_CURVE = 0.2
 """A curve shorter than this share of its text is not named: it would be unclear which one is meant."""
@@ -112,12 +120,16 @@ def geometry_sheet(result: Result, from_m: float | None, to_m: float | None, lim
     conventions = result.summary.geometry
     chart = _Chart(table, x_scale, conventions, tuple(limits))
     channels = measured_channels(result.geometry, (*centre_or_rails(result.geometry), *COMMON))
-    foot = (chart.foot(),) if measured_channels(result.geometry, (CURVATURE,)) else ()
+    panels = [chart.panel(channel) for channel in channels]
+    panels += [chart.foot()] if measured_channels(result.geometry, (CURVATURE,)) else []
+    line = shown_kilometrage(result, None)
+    if line is not None:
+        panels[0] = _under_marks(panels[0], _official_places(line.kilometrage(), start, end, x_scale))
     thinned = len(table) > 2 * STRETCHES
     return Sheet(
         title=f"{result.summary.recording_id}   {_place(start, unit)} to {_place(end, unit)} {unit}",
-        panels=(*(chart.panel(channel) for channel in channels), *foot),
-        x_label=f"chainage, {unit}",
+        panels=tuple(panels),
+        x_label=f"chainage, {unit}" + ("; at the top official places" if line is not None else ""),
         x_range=(x_scale * start, x_scale * end),
         footer=_footer(conventions, table, thinned=thinned),
     )
@@ -139,6 +151,30 @@ def _between(result: Result, from_m: float | None, to_m: float | None) -> pd.Dat
 
 def _place(chainage_m: float, unit: str) -> str:
     return f"{chainage_m / 1000.0:.3f}" if unit == "km" else f"{chainage_m:.2f}".rstrip("0").rstrip(".")
+
+
+def _official_places(
+    kilometrage: Kilometrage, start_m: float, end_m: float, x_scale: float
+) -> tuple[tuple[float, str], ...]:
+    """Return round official places, no closer than their texts are wide."""
+    room = _MARK_SHARE * (end_m - start_m)
+    step = next(step for step in _ROUND_M if step >= room or step == _ROUND_M[-1])
+    chainages = kilometrage.round_places(start_m, end_m, step)
+    places: list[tuple[float, str]] = []
+    free_m = start_m + room / 2.0
+    for x, text in zip(chainages.tolist(), kilometrage.written(chainages, decimals=0), strict=True):
+        if free_m <= x <= end_m - room / 2.0:
+            places.append((x_scale * x, text))
+            free_m = x + room
+    return tuple(places)
+
+
+def _under_marks(panel: Panel, marks: tuple[tuple[float, str], ...]) -> Panel:
+    """Return a panel with marks, and room for them above its curves."""
+    if panel.y_range is None:
+        return replace(panel, marks=marks)
+    low, high = panel.y_range
+    return replace(panel, marks=marks, y_range=(low, high + _HEADROOM * (high - low)))
 
 
 @dataclass(frozen=True)
@@ -180,17 +216,16 @@ class _Chart:
         low, high = channel_extent(self.table, CROSS_LEVEL, 0.0)
         bend, lean = common_zero(channel_extent(self.table, CURVATURE, 0.0), (-high, -low))
         bend, lean = with_margin(*bend), with_margin(*lean)
-        headroom = 0.2  # for the marks
-        bend_high, lean_high = (high + headroom * (high - low) for low, high in (bend, lean))
-        return Panel(
+        lean_high = lean[1] + _HEADROOM * (lean[1] - lean[0])
+        panel = Panel(
             "curvature, 1/km",
             (curvature,),
-            y_range=(bend[0], bend_high),
+            y_range=bend,
             base=0.0,
-            marks=self._marks(),
             share=CURVATURE.share,
             over=Panel("cross-level, mm\n(right, reversed)", (cant,), y_range=(-lean[0], -lean_high)),
         )
+        return _under_marks(panel, self._marks())
 
     def _curve(self, channel: GeometryChannel, colour: str) -> SheetCurve:
         values, sigmas = channel_values(self.table, channel)

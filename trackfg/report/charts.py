@@ -95,8 +95,8 @@ class ChartLimit:
         return {"label": self.label, "x": listed(self.x, 6), "y": listed(self.y, 6)}
 
 
-PlaceKind = Literal["left", "right", "fix", "station", "standstill", "slip", "gap", "other"]
-"""What a place along the line is: a curve to the left or right, a fix, a station, or an event."""
+PlaceKind = Literal["left", "right", "fix", "station", "standstill", "slip", "gap", "other", "exceeded"]
+"""What a place along the line is: a curve to the left or right, a fix, a station, an event, or an exceedance."""
 
 
 @dataclass(frozen=True)
@@ -150,9 +150,8 @@ class OfficialAxis:
 
 @dataclass(frozen=True)
 class ChartPanel:
-    """Lines in one unit. ``y_range``: what is shown at first; ``base``: where a line marks zero.
-
-    ``marks`` are start, end and text of what is named along the axis; ``share`` the height against other panels.
+    """Lines in one unit. ``y_range``: what is shown at first; ``base``: where a line marks zero; ``share``: the height
+    against other panels.
     """
 
     label: str
@@ -160,18 +159,18 @@ class ChartPanel:
     lines: tuple[ChartLine, ...]
     y_range: tuple[float, float] | None = None
     base: float | None = None
-    marks: tuple[tuple[float, float, str], ...] = ()
     share: float = 1.0
     limits: tuple[ChartLimit, ...] = ()
 
 
 @dataclass(frozen=True)
 class Span:
-    """A stretch of the axis that is shaded."""
+    """A stretch of the axis that is shaded, through all panels or, where one is named by its number, in that one."""
 
     start: float
     end: float
     colour: str
+    panel: int | None = None
 
 
 @dataclass(frozen=True)
@@ -247,7 +246,7 @@ class Strips:
             "paper": self.paper_m,
             "band": BAND,
             "legend": self.legend,
-            "spans": [[span.start, span.end, span.colour] for span in self.spans],
+            "spans": [[span.start, span.end, span.colour, span.panel] for span in self.spans],
             "panels": [
                 {
                     "label": plain(panel.label).replace("\n", "<br>"),
@@ -255,7 +254,6 @@ class Strips:
                     "range": None if panel.y_range is None else list(panel.y_range),
                     "base": panel.base,
                     "share": panel.share,
-                    "marks": [[start, end, plain(text)] for start, end, text in panel.marks],
                     "limits": [limit.spec() for limit in panel.limits],
                     "lines": [
                         {

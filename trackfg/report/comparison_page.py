@@ -19,7 +19,7 @@ from trackfg.report.comparison_tables import (
     surely_beats,
     tasks,
 )
-from trackfg.report.numbers import duration
+from trackfg.report.numbers import counted, duration
 from trackfg.report.page import Block, Code, Drawing, Facts, Fold, Page, PageSection, Text, Tile, Tiles
 
 _FEW = 12
@@ -34,9 +34,9 @@ def comparison_page(comparison: Comparison, command: str) -> Page:
     runs = sum(len(case.seeds) for case in about.cases)
     subtitle = ", ".join(
         (
-            f"{len(names)} estimators",
-            "1 run" if runs == 1 else f"{runs} runs",
-            "1 case" if len(about.cases) == 1 else f"{len(about.cases)} cases",
+            counted(len(names), "estimator"),
+            counted(runs, "run"),
+            counted(len(about.cases), "case"),
             f"trackfg {about.versions.get('trackfg')}",
         )
     )
@@ -63,7 +63,7 @@ def _best(comparison: Comparison) -> Iterator[PageSection]:
         "The best system is, for each quantity, the one whose error over the smoother's in the same runs is least. The "
         "ratio is the geometric mean of these, above 1 where the smoother is better. All systems are below."
     )
-    yield PageSection("best", "The smoother against the best published system", (table, Text(note, "note")))
+    yield PageSection("best", "The smoother against the best published system", (table, Text(note, "note")), "Summary")
 
 
 def _beaten(comparison: Comparison) -> PageSection:
@@ -73,7 +73,7 @@ def _beaten(comparison: Comparison) -> PageSection:
     title = "Where a published system beats the smoother"
     if not beaten:
         text = "Nowhere: in every quantity, case and speed band the smoother's error is the smallest."
-        return PageSection("beaten", title, (Text(text, "good"),))
+        return PageSection("beaten", title, (Text(text, "good"),), "Where others win")
     table, shown = beaten_table(comparison.about), max(sure, _FEW)
     blocks: list[Block] = [
         Text(
@@ -89,7 +89,7 @@ def _beaten(comparison: Comparison) -> PageSection:
         "Ratio: error over the smoother's error in the same runs, geometric mean. With several runs it is sure where "
         "the whole 95 % interval is below 1; otherwise another choice of runs may say the opposite."
     )
-    return PageSection("beaten", title, (*blocks, Text(note, "note")))
+    return PageSection("beaten", title, (*blocks, Text(note, "note")), "Where others win")
 
 
 def _how_sure(sure: int, held: Sequence[Row]) -> str:
@@ -110,7 +110,8 @@ def _what(comparison: Comparison, runs: int) -> PageSection:
             Tile("computed in", duration(about.seconds)),
         )
     )
-    return PageSection("compared", "What was compared", (tiles, case_table(about), estimator_table(about)))
+    tables = (case_table(about), estimator_table(about))
+    return PageSection("compared", "What was compared", (tiles, *tables), "Compared")
 
 
 def _tasks(comparison: Comparison, colour: dict[str, str]) -> Iterator[PageSection]:
@@ -151,7 +152,7 @@ def _curves(comparison: Comparison, colour: dict[str, str]) -> Iterator[PageSect
                 title = f"{case.name}, first run: {what}"
                 blocks.append(Drawing(chart, title=title, note=f"{note} {choose}"))
     if blocks:
-        yield PageSection("curves", "Curves of one run", tuple(blocks))
+        yield PageSection("curves", "Curves of one run", tuple(blocks), "Curves")
 
 
 def _differences(comparison: Comparison) -> Iterator[PageSection]:
@@ -161,7 +162,7 @@ def _differences(comparison: Comparison) -> Iterator[PageSection]:
             "over the run is removed. No truth is known: where they differ, what was withheld says who is nearer."
         )
         blocks = (Text(note, "note"), difference_table(comparison.about))
-        yield PageSection("differences", "Where estimators differ from the smoother", blocks)
+        yield PageSection("differences", "Where estimators differ from the smoother", blocks, "Differences")
 
 
 def _times(comparison: Comparison, colour: dict[str, str]) -> Iterator[PageSection]:
@@ -188,4 +189,4 @@ def _made(comparison: Comparison, command: str) -> PageSection:
             "same runs; trackfg compare with the cases and seeds above makes it again."
         ),
     )
-    return PageSection("made", "How it was made", blocks)
+    return PageSection("made", "How it was made", blocks, "Made")

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from trackfg.comparison.table import BAND_KMH, QUANTITIES, REFERENCE, About, Task
 from trackfg.comparison.table import Row as Score
 from trackfg.report.numbers import NONE, digits, duration, interval, percent
-from trackfg.report.page import PageTable, TableRow
+from trackfg.report.page import PageTable, TableRow, without_columns
 
 _BASIS = {
     "truth": "the truth",
@@ -98,7 +98,12 @@ def best_table(about: About) -> PageTable:
         "runs",
         "verdict",
     )
-    return PageTable(headings, tuple(rows), numbers=frozenset((2, 3, 5, 6, 7)))
+    return _by_case(PageTable(headings, tuple(rows), numbers=frozenset((2, 3, 5, 6, 7))), about)
+
+
+def _by_case(table: PageTable, about: About) -> PageTable:
+    """Return a table whose first column is the case: without it where there is one case, which the page names."""
+    return without_columns(table, (0,) if len(about.cases) == 1 else ())
 
 
 def verdict_on(row: Score) -> str:
@@ -152,7 +157,7 @@ def beaten_table(about: About) -> PageTable:
         "95 % interval",
         "is it sure?",
     )
-    return PageTable(headings, rows, numbers=frozenset((4, 5, 6, 7)))
+    return _by_case(PageTable(headings, rows, numbers=frozenset((4, 5, 6, 7))), about)
 
 
 def score_table(about: About, task: Task) -> PageTable:
@@ -166,9 +171,9 @@ def score_table(about: About, task: Task) -> PageTable:
             continue
         if (row.case, row.quantity) != before:
             before = (row.case, row.quantity)
-            rows.append(
-                TableRow((f"{row.case}: {quantity_text(row.quantity)} ({_STATISTIC[row.statistic]})",), mark="group")
-            )
+            case = "" if len(about.cases) == 1 else f"{row.case}: "
+            group = f"{case}{quantity_text(row.quantity)} ({_STATISTIC[row.statistic]})"
+            rows.append(TableRow((group,), mark="group"))
         own = row.estimator == REFERENCE
         cells = (
             row.estimator,
@@ -191,7 +196,7 @@ def score_table(about: About, task: Task) -> PageTable:
         "s per km",
         "remark",
     )
-    return PageTable(headings, tuple(rows), numbers=frozenset(range(1, 7)))
+    return without_columns(PageTable(headings, tuple(rows), numbers=frozenset(range(1, 7))))
 
 
 def difference_table(about: About) -> PageTable:

@@ -3,35 +3,57 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from trackfg.geometry.exceedances import Judgement
-from trackfg.numerics.arrays import Array
 from trackfg.numerics.units import KMH
 from trackfg.plots.sheet import RED
-from trackfg.report.charts import Span
-from trackfg.report.numbers import digits, with_sd
-from trackfg.report.page import Block, Fold, PageSection, PageTable, TableRow, Text
-from trackfg.results.official_places import KM_COLUMN
+from trackfg.report.charts import ChartPlace, Span
+from trackfg.report.page import Block, Fold, PageSection, PageTable, TableRow, Text, Tile
+from trackfg.report.severity import by_kilometre, by_severity, counts_text, place_text, quantity_text
 from trackfg.results.result import Result
 
 _MANY = 25
 """Rows of a table that stand open; longer ones go on folded."""
-_FAMILY = ["standard", "parameter", "column", "kind"]
-"""Limits that agree in these are levels of one another."""
 
 
-def exceedance_spans(judgement: Judgement | None, scale: float) -> tuple[Span, ...]:
-    """Return the stretches to shade in the chart of the geometry. ``scale`` brings metres into the unit of its axis."""
+def exceedance_spans(judgement: Judgement | None, columns: Sequence[str], scale: float) -> tuple[Span, ...]:
+    """Return the stretches to shade in the chart of the geometry, each in the panel of what is exceeded.
+
+    ``columns`` are those of the panels; ``scale`` brings metres into the unit of the axis.
+    """
     if judgement is None:
         return ()
-    found = judgement.found
-    return tuple(
-        Span(scale * start, scale * end, RED) for start, end in zip(found["from_m"], found["to_m"], strict=True)
-    )
+    found = judgement.found.drop_duplicates(["column", "from_m", "to_m"])
+    stretches = zip(found["column"], found["from_m"], found["to_m"], strict=True)
+    return tuple(Span(scale * start, scale * end, RED, _panel_of(name, columns)) for name, start, end in stretches)
+
+
+def _panel_of(judged: str, columns: Sequence[str]) -> int | None:
+    """Return the panel that shows what was judged; None where none does.
+
+    A quantity of another chord or band, such as ``versine_level_18.8976m_mm``, is shaded where ``versine_level_mm`` is.
+    """
+    stems = [name.removesuffix("_mm") for name in columns]
+    shown = [i for i, stem in enumerate(stems) if judged.startswith(f"{stem}_")]
+    return max(shown, key=lambda i: len(stems[i])) if shown else None
+
+
+def exceedance_places(judgement: Judgement | None) -> list[ChartPlace]:
+    """Return the exceedances as places beside the axis, each once, m."""
+    if judgement is None:
+        return []
+    rows = by_severity(judgement.found).to_dict("records")
+    return [ChartPlace(row["from_m"], row["to_m"], f"{quantity_text(row)}, {row['level']}", "exceeded") for row in rows]
+
+
+def exceedance_tile(judgement: Judgement) -> Tile:
+    """Return the headline: how many exceedances there are, and of which level the most severe is."""
+    found = by_severity(judgement.found)
+    return Tile("exceedances", str(len(found)), "none" if found.empty else f"the severest: {found['level'].iloc[0]}")
 
 
 def exceedance_section(judgement: Judgement, result: Result) -> PageSection:
@@ -41,8 +63,9 @@ def exceedance_section(judgement: Judgement, result: Result) -> PageSection:
     if found.empty:
         blocks.append(Text("No exceedance of the limits that could be judged.", "good"))
     else:
-        counts = ", ".join(f"{number} of {level}" for level, number in found["level"].value_counts(sort=False).items())
+        counts = counts_text({str(level): int(n) for level, n in found["level"].value_counts(sort=False).items()})
         blocks.append(Text(f"Exceedances: {counts}. They are shaded red in the strips.", "warning"))
+        blocks.append(_kilometres(found))
         blocks.append(_table(found.head(_MANY), result))
         if len(found) > _MANY:
             blocks.append(Fold(f"{len(found) - _MANY} more", (_table(found.iloc[_MANY:], result),)))
@@ -56,44 +79,27 @@ def exceedance_section(judgement: Judgement, result: Result) -> PageSection:
             TableRow((quantity, levels, reason)) for (quantity, reason), levels in judgement.not_judged_levels().items()
         )
         blocks.append(Fold("Limits that were not judged", (PageTable(("limit", "class", "why"), rows),)))
-    return PageSection("limits", "Exceedances of limits: where to send the gang", tuple(blocks))
+    return PageSection("limits", "Exceedances of limits: where to send the gang", tuple(blocks), "Exceedances")
 
 
-def by_severity(found: pd.DataFrame) -> pd.DataFrame:
-    """Return exceedances, the severest first, without those that a severer level of the same limit overlaps.
-
-    Of two levels the one with the larger limit is the severer; over all quantities levels are ordered by the median of
-    their limit over the least limit of the same family that is exceeded. Within a level the order is that of the peak
-    over its limit.
-    """
-    if found.empty:
-        return found
-    severest = found[~_under_a_severer_one(found)]
-    size = found["limit_mm"] / found.groupby(_FAMILY)["limit_mm"].transform("min")
-    rank = size.groupby(found["level"]).median()
-    order = pd.DataFrame(
-        {"rank": severest["level"].map(rank), "ratio": severest["value_mm"].abs() / severest["limit_mm"]}
-    ).sort_values(["rank", "ratio"], ascending=False, kind="stable")
-    return severest.loc[order.index].reset_index(drop=True)
-
-
-def _under_a_severer_one(found: pd.DataFrame) -> NDArray[np.bool_]:
-    """Return whether a larger limit of the same family is exceeded within the stretch of each row, bool (n,)."""
-    out = np.zeros(len(found), dtype=bool)
-    for rows in found.reset_index(drop=True).groupby(_FAMILY).indices.values():
-        table = found.iloc[rows]
-        start, end, limit = (table[name].to_numpy() for name in ("from_m", "to_m", "limit_mm"))
-        for value in np.unique(limit)[1:]:
-            above, below = limit == value, limit < value
-            out[rows[below]] |= _overlap(start[below], end[below], start[above], end[above])
-    return out
-
-
-def _overlap(start: Array, end: Array, others_start: Array, others_end: Array) -> NDArray[np.bool_]:
-    """Return whether each stretch meets any of the others: more of them have begun at its end than ended before it."""
-    begun = np.searchsorted(np.sort(others_start), end, side="right")
-    ended = np.searchsorted(np.sort(others_end), start, side="left")
-    return np.asarray(begun > ended)
+def _kilometres(found: pd.DataFrame) -> PageTable:
+    """Return how many exceedances each kilometre has, by level, and the worst of them."""
+    rows = tuple(
+        TableRow(
+            (
+                one.km,
+                str(one.count),
+                one.counts_text,
+                f"{one.length_m:.1f}",
+                quantity_text(one.worst),
+                place_text(one.worst),
+                f"{100.0 * one.share:.0f}",
+            )
+        )
+        for one in by_kilometre(found)
+    )
+    headings = ("km", "exceedances", "by class", "length, m", "worst", "at km", "% of limit")
+    return PageTable(headings, rows, numbers=frozenset((0, 1, 3, 5, 6)), caption="By kilometre")
 
 
 def _table(found: pd.DataFrame, result: Result) -> PageTable:
@@ -101,36 +107,34 @@ def _table(found: pd.DataFrame, result: Result) -> PageTable:
     rows = tuple(
         TableRow(
             (
-                f"{row['level']} ({row['standard']})",
-                row.get(KM_COLUMN) or f"{1e-3 * row['chainage_m']:.3f}",
-                f"{row['length_m']:.2f}",
-                f"{row['parameter'].replace('_', ' ')}, {row['kind']}",
+                place_text(row),
+                quantity_text(row),
                 _value(row["value_mm"], row["value_mm_sd"]),
-                digits(row["limit_mm"]),
+                f"{row['limit_mm']:.2f}",
                 f"{100.0 * abs(row['value_mm']) / row['limit_mm']:.0f}",
-                digits(float(np.interp(row["chainage_m"], chainage, speed)) / KMH),
+                f"{row['length_m']:.2f}",
+                f"{row['level']} ({row['standard']})",
+                f"{float(np.interp(row['chainage_m'], chainage, speed)) / KMH:.1f}",
                 f"{row['from_m']:.2f}",
                 f"{row['to_m']:.2f}",
-                row["column"],
             )
         )
         for row in found.to_dict("records")
     )
     headings = (
-        "class",
         "km",
-        "length, m",
         "quantity",
         "peak, mm",
         "limit, mm",
         "% of limit",
+        "length, m",
+        "class",
         "speed, km/h",
         "from, m",
         "to, m",
-        "column",
     )
-    return PageTable(headings, rows, numbers=frozenset((1, 2, 4, 5, 6, 7, 8, 9)))
+    return PageTable(headings, rows, numbers=frozenset((0, 2, 3, 4, 5, 7, 8, 9)), caption="One by one")
 
 
 def _value(value: float, sd: float) -> str:
-    return digits(value) if math.isnan(sd) else with_sd(value, sd, "")
+    return f"{value:.2f}" if math.isnan(sd) else f"{value:.2f} ± {sd:.2f}"

@@ -9,7 +9,6 @@ import pandas as pd
 
 from trackfg.geometry.exceedances import Judgement
 from trackfg.numerics.arrays import Array
-from trackfg.plots.curve_labels import curves
 from trackfg.plots.geometry_channels import (
     COMMON,
     CURVATURE,
@@ -78,7 +77,7 @@ def geometry_strips(
     unit, scale = chainage_axis(chainage)
     x = packed(scale * chainage, scale * _PLACE)
     x_range = whole_range(scale * chainage)
-    panels, error_panels = [], []
+    panels, error_panels, columns = [], [], []
     for channel in channels(table):
         values, sigmas = channel_values(table, channel)
         has_sigma = f"{channel.column}_sd" in table
@@ -92,6 +91,7 @@ def geometry_strips(
             error_panels.append(_error_panel(channel, x, error, packed_error, sigmas, sigma))
         own = tuple(line for line in limits if line.column == channel.column)
         panels.append(_panel(channel, table, result.summary.geometry, tuple(lines), own, scale))
+        columns.append(channel.column)
     label = f"chainage, {unit}"
     with_truth = bool(error_panels)
     chart = Strips(
@@ -99,7 +99,7 @@ def geometry_strips(
         unit,
         x_range,
         tuple(panels),
-        exceedance_spans(judgement, scale),
+        exceedance_spans(judgement, columns, scale),
         legend=with_truth,
         places=rows,
         official=official,
@@ -124,14 +124,9 @@ def _panel(
     if channel.deviation:
         low, high = symmetric(low, high, base)
     low, high = with_margin(low, high)
-    marks: tuple[tuple[float, float, str], ...] = ()
-    if channel is CURVATURE:
-        high += 0.25 * (high - low)  # headroom for the names of the curves
-        found = curves(table["chainage_m"].to_numpy(), table[channel.column].to_numpy())
-        marks = tuple((scale * start, scale * end, text) for start, end, text in found)
     share = 1.3 if channel is CURVATURE else channel.share
     drawn = tuple(ChartLimit(line.label, scale * line.chainage_m, channel.scale * line.value) for line in limits)
-    return ChartPanel(channel.label, channel.unit, lines, (low, high), base, marks=marks, share=share, limits=drawn)
+    return ChartPanel(channel.label, channel.unit, lines, (low, high), base, share=share, limits=drawn)
 
 
 def _error_panel(

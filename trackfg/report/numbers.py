@@ -36,8 +36,18 @@ def with_sd(value: float, sd: float | None, unit: str) -> str:
         return NONE
     if not (sd is not None and math.isfinite(sd) and sd > 0.0):
         return with_unit(value, unit, 6)
-    places = max(1 - math.floor(math.log10(sd)), 0)
-    return f"{value:.{places}f} ± {sd:.{places}f} {unit}".rstrip()
+    places = decimals(sd)
+    return f"{round(value, places) + 0.0:.{places}f} ± {sd:.{places}f} {unit}".rstrip()
+
+
+def decimals(sd: float) -> int:
+    """Return how many decimals show two digits of a sigma."""
+    return max(1 - math.floor(math.log10(sd)), 0) if sd > 0.0 and math.isfinite(sd) else 0
+
+
+def counted(number: int, noun: str) -> str:
+    """Return a number with its noun: ``1 run``, ``2 runs``."""
+    return f"{number} {noun}{'' if number == 1 else 's'}"
 
 
 def percent(share: float | None, places: int = 1) -> str:

@@ -11,7 +11,7 @@ import base64
 import hashlib
 import json
 import zlib
-from collections.abc import Iterator
+from collections.abc import Container, Iterator
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
@@ -23,6 +23,7 @@ from trackfg.files.atomic_file import write_whole
 from trackfg.files.libraries import library
 from trackfg.report.charts import Chart
 from trackfg.report.columns import Column
+from trackfg.report.numbers import NONE
 
 _TEMPLATES = "template"
 _SCRIPT = (
@@ -38,6 +39,8 @@ _SCRIPT = (
 """The parts of the page's own script, in order; one function holds them all."""
 _MANY = 25
 """Rows of a table that stand open; longer ones are folded."""
+_NOTHING = ("", NONE)
+"""What a cell says that says nothing."""
 _FACTORY, _FACTORY_END = '() => {\n"use strict";var Plotly', "}));"
 
 
@@ -96,6 +99,19 @@ class PageTable:
     numbers: frozenset[int] = frozenset()
     caption: str = ""
     kind: str = "table"
+
+
+def without_columns(table: PageTable, left_out: Container[int] = ()) -> PageTable:
+    """Return a table without the columns ``left_out`` and without those in which no row says anything."""
+    cells = [row.cells for row in table.rows if row.mark != "group"]
+    kept = [i for i in range(len(table.headings)) if i not in left_out and any(row[i] not in _NOTHING for row in cells)]
+    rows = (row if row.mark == "group" else replace(row, cells=tuple(row.cells[i] for i in kept)) for row in table.rows)
+    return replace(
+        table,
+        headings=tuple(table.headings[i] for i in kept),
+        rows=tuple(rows),
+        numbers=frozenset(new for new, old in enumerate(kept) if old in table.numbers),
+    )
 
 
 @dataclass(frozen=True)
@@ -204,7 +220,23 @@ class Latest:
     kind: str = "latest"
 
 
-Block = Text | Tiles | Facts | PageTable | Drawing | ColourBar | Fold | Code | Form | Latest
+@dataclass(frozen=True)
+class Columns:
+    """Short tables in as many columns as there is room for."""
+
+    blocks: tuple[PageTable, ...]
+    kind: str = "columns"
+
+
+@dataclass(frozen=True)
+class Signature:
+    """Lines to be filled in by hand, which only paper has."""
+
+    lines: tuple[str, ...]
+    kind: str = "signature"
+
+
+Block = Text | Tiles | Facts | PageTable | Drawing | ColourBar | Fold | Code | Form | Latest | Columns | Signature
 
 
 def folded_if_long(table: PageTable, what: str) -> tuple[Block, ...]:
@@ -218,11 +250,12 @@ def folded_if_long(table: PageTable, what: str) -> tuple[Block, ...]:
 
 @dataclass(frozen=True)
 class PageSection:
-    """``name`` is its address in the page."""
+    """``name`` is its address in the page, ``short`` what leads to it; its title where that is empty."""
 
     name: str
     title: str
     blocks: tuple[Block, ...]
+    short: str = ""
 
 
 @dataclass(frozen=True)

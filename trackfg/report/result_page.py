@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import groupby
 from typing import TYPE_CHECKING, Any
 
 import pandas as pd
@@ -16,7 +17,7 @@ from trackfg.numerics.kilometrage import Kilometrage
 from trackfg.plots.strip_chart import LimitLine
 from trackfg.report.balise_section import balise_sections
 from trackfg.report.consistency import band_table, coverage_table, error_table, histograms, noise_bars
-from trackfg.report.exceedances import exceedance_section
+from trackfg.report.exceedances import exceedance_places, exceedance_section, exceedance_tile
 from trackfg.report.flatten import leaves
 from trackfg.report.geometry_charts import chainage_axis, channels, geometry_strips
 from trackfg.report.kilometrage_section import kilometrage_sections
@@ -25,6 +26,7 @@ from trackfg.report.numbers import NONE, digits, duration, length, with_sd
 from trackfg.report.page import (
     Block,
     Code,
+    Columns,
     Drawing,
     Facts,
     Fold,
@@ -52,6 +54,8 @@ if TYPE_CHECKING:
 
 _BANDED = ("cross_level_mm", "twist_mm", "level_mm", "alignment_mm", "versine_level_mm", "versine_alignment_mm")
 _LEVELS = ("error", "warning", "info")
+_FINEST_M = 0.01
+"""A place is written to centimetres at the finest, and so is its sigma."""
 
 
 NOTHING_BEHIND = Background()
@@ -109,7 +113,7 @@ def result_page(
         subtitle = f"{way}, measured by another system, imported by trackfg {_version(result)}"
         return Page("result", page.recording_id, subtitle, (*sections, _made(result, command)))
     sections = [
-        summary_section(result, page.solver),
+        summary_section(result, page.solver, () if judgement is None else (exceedance_tile(judgement),)),
         *track,
         _findings(result),
         *kilometrage_sections(result, line),
@@ -133,7 +137,7 @@ def _findings(result: Result) -> PageSection:
     found = sorted(result.summary.findings, key=lambda finding: _LEVELS.index(finding.level))
     if not found:
         return PageSection(
-            "findings", "Data quality", (Text("Reading the recording found nothing to report.", "good"),)
+            "findings", "Data quality", (Text("Reading the recording found nothing to report.", "good"),), "Data"
         )
     rows = tuple(
         TableRow(
@@ -147,14 +151,14 @@ def _findings(result: Result) -> PageSection:
         )
         for finding in found
     )
-    return PageSection("findings", "Data quality", (PageTable(("level", "where", "what", "hint"), rows),))
+    return PageSection("findings", "Data quality", (PageTable(("level", "where", "what", "hint"), rows),), "Data")
 
 
 def _events(result: Result, kilometrage: Kilometrage | None) -> PageSection:
     events = with_km(result.events, kilometrage)
     if events.empty:
         return PageSection("events", "Events", (Text("None."),))
-    counts = ", ".join(f"{number} {kind}" for kind, number in events["kind"].value_counts().items())
+    counts = ", ".join(f"{kind}: {number}" for kind, number in events["kind"].value_counts().items())
     rows = tuple(
         TableRow(
             (
@@ -162,7 +166,7 @@ def _events(result: Result, kilometrage: Kilometrage | None) -> PageSection:
                 f"{event['start_s']:.1f}",
                 f"{event['end_s'] - event['start_s']:.1f}" if event["end_s"] > event["start_s"] else NONE,
                 *([event[KM_COLUMN]] if KM_COLUMN in event else []),
-                with_sd(event["chainage_m"], event["chainage_m_sd"], ""),
+                with_sd(event["chainage_m"], max(event["chainage_m_sd"], _FINEST_M), ""),
                 with_sd(event["distance_removed_m"], event["distance_removed_m_sd"], ""),
                 event["detail"],
             )
@@ -196,13 +200,12 @@ def _track(
     errors = _errors(result, against)
     chainage = result.geometry["chainage_m"].to_numpy()
     _, scale = chainage_axis(chainage)
-    rows = place_rows(result, curves, along.background.stations(result), scale)
+    rows = place_rows(result, curves, along.background.stations(result), exceedance_places(judgement), scale)
     strips, error_chart = geometry_strips(
         result, errors, judgement, limits=lines, rows=rows, official=places.axis(chainage, scale)
     )
-    yield PageSection(
-        "geometry", "Track geometry", (Drawing(strips, note=_conventions(result)), measured_table(result))
-    )
+    shown = (Drawing(strips, note=_conventions(result)), measured_table(result))
+    yield PageSection("geometry", "Track geometry", shown, "Geometry")
     if against is None or error_chart is None:
         return
     blocks: tuple[Block, ...] = (
@@ -214,7 +217,7 @@ def _track(
         Fold("By speed", (band_table(errors, [name for name in _BANDED if name in errors]),)),
         Drawing(error_chart, note="Bands: 95 % of the sigmas that the result claims, about zero."),
     )
-    yield PageSection("errors", "Errors of the geometry", blocks)
+    yield PageSection("errors", "Errors of the geometry", blocks, "Errors")
 
 
 def _conventions(result: Result) -> str:
@@ -246,11 +249,11 @@ def _motion(result: Result, against: Against | None) -> PageSection:
         if chart is not None:
             note = f"Estimate less truth; bands: 95 % of the claimed sigmas, about zero. {SHADES}"
             blocks += [Drawing(chart, title="Errors of the trajectory", note=note), error_table(errors)]
-    return PageSection("motion", "Attitude, speed and position", tuple(blocks))
+    return PageSection("motion", "Attitude, speed and position", tuple(blocks), "Motion")
 
 
 def _consistency(result: Result, against: Against | None) -> PageSection:
-    blocks: list[Block] = [sensor_facts(result.summary)]
+    blocks: list[Block] = [sensor_facts(result)]
     if result.summary.noise_ratios:
         note = (
             "Of the residuals of each group of factors, 1 is right. Above 2 (red) the noise is larger than assumed and "
@@ -271,7 +274,7 @@ def _consistency(result: Result, against: Against | None) -> PageSection:
                     "many runs. Rows of one run depend on each other, so that one run may stand beside it."
                 )
                 blocks += [Drawing(chart, title=f"Error over sigma: {title}", note=note), coverage_table(table)]
-    return PageSection("consistency", "Are the sigmas right?", tuple(blocks))
+    return PageSection("consistency", "Are the sigmas right?", tuple(blocks), "Sigmas")
 
 
 def _map(result: Result, against: Against | None, along: _Along) -> PageSection:
@@ -279,7 +282,7 @@ def _map(result: Result, against: Against | None, along: _Along) -> PageSection:
     truth = None if against is None else against.trajectory
     chart = path_map(result, truth, along.marks(result), behind.lines, behind.points)
     note = "Local coordinates, equal scales. Circles are chainages; curves have the numbers of their table."
-    return PageSection("map", "Map of the path", (Drawing(chart, note=note),))
+    return PageSection("map", "Map of the path", (Drawing(chart, note=note),), "Map")
 
 
 def _made(result: Result, command: str) -> PageSection:
@@ -288,10 +291,6 @@ def _made(result: Result, command: str) -> PageSection:
     default = dict(leaves(SmoothConfig().model_dump(mode="json")))
     settings = list(leaves(page.configuration))
     changed = [(key, value) for key, value in settings if value != default.get(key)]
-    rows = tuple(
-        TableRow((key, _setting(value), _setting(default.get(key))), mark="own" if value != default.get(key) else "")
-        for key, value in settings
-    )
     said = (
         "All settings are the defaults."
         if not changed
@@ -303,9 +302,22 @@ def _made(result: Result, command: str) -> PageSection:
         Text(f"from what trackfg {'import' if page.solver is None else 'smooth'} wrote with these versions:"),
         versions,
         Text(said + "." if changed else said),
-        Fold("All settings", (PageTable(("setting", "value", "default"), rows),)),
+        Fold("All settings", (Columns(tuple(_settings(settings, default))),)),
     )
-    return PageSection("made", "How it was made", blocks)
+    return PageSection("made", "How it was made", blocks, "Made")
+
+
+def _settings(settings: Iterable[tuple[str, Any]], default: Mapping[str, Any]) -> Iterator[PageTable]:
+    """Yield a table for each section of the settings; what differs from its default is marked."""
+    for section, keys in groupby(settings, key=lambda setting: setting[0].partition(".")[0]):
+        rows = tuple(
+            TableRow(
+                (key.partition(".")[2], _setting(value), _setting(default.get(key))),
+                mark="own" if value != default.get(key) else "",
+            )
+            for key, value in keys
+        )
+        yield PageTable(("setting", "value", "default"), rows, caption=section)
 
 
 def _setting(value: Any) -> str:

@@ -23,7 +23,7 @@ from trackfg.report.runs.trend_page import trend_page
 from trackfg.report.sections.background import Background, read_background
 from trackfg.report.track_limits import judge
 from trackfg.report.truth import against
-from trackfg.results.official_places import line_kilometrage
+from trackfg.results.official_places import shown_kilometrage
 from trackfg.results.result import RESULT_FOLDER, Result
 from trackfg.results.trends import TRENDS_FOLDER, Trends
 
@@ -44,7 +44,7 @@ class _Wanted:
 
     recording: Path | None = None
     limits: LimitChoice | None = None
-    km: bool = False
+    km: bool | None = None
     background: Path | None = None
 
     def refuse(self, why: str) -> None:
@@ -65,7 +65,7 @@ def write_report(
     *,
     recording: str | os.PathLike[str] | None = None,
     limits: LimitChoice | None = None,
-    km: bool = False,
+    km: bool | None = None,
     background: str | os.PathLike[str] | None = None,
 ) -> Path:
     """Write the page about a result, a comparison or trends into a file, in one step.
@@ -79,11 +79,11 @@ def write_report(
     path
         The page, ``.html``, outside the folder.
     recording
-        The one that a result was made from: the page shows its truth and the errors.
+        The one that a result was made from: the page shows its truth and the errors. Without a truth it adds nothing.
     limits
         Those that a result's geometry is held against.
     km
-        Whether places are official ones too.
+        Whether places are official ones; if None, where the recording has a kilometrage.
     background
         A GeoJSON file or a GeoPackage whose lines and named points lie behind the map.
 
@@ -95,8 +95,8 @@ def write_report(
     Raises
     ------
     BadInputError
-        If the folder is none of these, if ``path`` does not end in ``.html`` or lies in it, for a recording without
-        truth or of another result, for limits that cannot be read, for official places where the result knows none, and
+        If the folder is none of these, if ``path`` does not end in ``.html`` or lies in it, for a recording of another
+        result, for limits that cannot be read, for official places where the result knows none, and
         for any of these beside a comparison or trends.
     MissingLibraryError
         Without plotly.
@@ -119,7 +119,7 @@ def write_report(
         raise BadInputError(f"{path}: lies in the {what}, which holds nothing but its own files: choose another place")
     given = [] if recording is None else ["--recording", os.fspath(recording)]
     given += [] if limits is None else limits.options()
-    given += ["--km"] if km else []
+    given += [] if km is None else ["--km"] if km else ["--no-km"]
     given += [] if background is None else ["--background", os.fspath(background)]
     command = shlex.join(["trackfg", "report", os.fspath(folder), "-o", os.fspath(path), *given])
     behind = None if background is None else Path(background)
@@ -152,7 +152,7 @@ def _of_result(folder: Path, command: str, wanted: _Wanted) -> Page:
         judgement = judge(result, table, limits.line_speed_kmh, km=wanted.km)
         lines, _ = limit_lines(result, table, limits.line_speed_kmh)
     truth = None if wanted.recording is None else against(result, wanted.recording)
-    line = line_kilometrage(result) if wanted.km else None
+    line = shown_kilometrage(result, wanted.km)
     origin = None if result.summary.run is None else result.summary.run.origin
     behind = Background() if wanted.background is None else read_background(wanted.background, origin)
     return result_page(result, command, truth, judgement, line, limits=lines, background=behind)

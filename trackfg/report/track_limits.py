@@ -21,22 +21,23 @@ from trackfg.geometry.limits import Limit, at_line_speed
 from trackfg.geometry.versine_bands import with_long_bands
 from trackfg.geometry.versine_chords import with_further_chords
 from trackfg.numerics.chainage_grid import cells_of
-from trackfg.results.official_places import line_kilometrage, with_km
+from trackfg.results.official_places import shown_kilometrage, with_km
 from trackfg.results.result import Result
 
 
 def judge(
-    result: Result, limits: Iterable[Limit], line_speed_kmh: float | None = None, *, km: bool = False
+    result: Result, limits: Iterable[Limit], line_speed_kmh: float | None = None, *, km: bool | None = False
 ) -> Judgement:
     """Return where the geometry of a result exceeds limits, and which limits it does not suffice for.
 
     ``line_speed_kmh`` is the speed that the line is limited for, not that of the run. With ``km`` the official place of
-    each exceedance is beside its chainage. Raises ``BadInputError`` for a result without geometry, and where limits
-    depend on the line's speed and it is None.
+    each exceedance is beside its chainage; with None, where the line has a kilometrage. Raises ``BadInputError`` for a
+    result without geometry, and where limits depend on the line's speed and it is None.
     """
     geometry = result.geometry_for("limits")
     conventions = result.summary.geometry
-    kilometrage = line_kilometrage(result).kilometrage() if km else None
+    line = shown_kilometrage(result, km)
+    kilometrage = None if line is None else line.kilometrage()
     applying = at_line_speed(limits, line_speed_kmh)
     lengths = ColumnLengths(
         Band(*conventions.band_m), conventions.chord_m, conventions.twist_base_m, conventions.twist_anchor

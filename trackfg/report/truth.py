@@ -42,19 +42,25 @@ class Against:
         return trajectory_errors(self.result.trajectory, self.trajectory)
 
 
-def against(result: Result, recording: str | os.PathLike[str]) -> Against:
-    """Return the truth of the recording that the result was made from.
+def is_without_truth(recording: str | os.PathLike[str]) -> bool:
+    """Return whether a recording, which can be read, has no truth: a page shows no errors then."""
+    return not has_truth(os.fspath(recording))
 
-    Raises :class:`BadInputError` if it has none, or is another recording.
+
+def against(result: Result, recording: str | os.PathLike[str]) -> Against | None:
+    """Return the truth of the recording that the result was made from; None if it has none.
+
+    Raises :class:`BadInputError` if it is another recording, or cannot be read.
     """
     path = os.fspath(recording)
-    if not has_truth(path):
-        raise BadInputError(f"{path}: has no [truth] to show errors against. Hint: leave out --recording")
-    truth, geometry = read_truth(path), read_truth_geometry(path)
+    known = has_truth(path)
     description = read_description(path).description
     name = result.summary.recording_id
     if description is not None and description.id != name:
         raise BadInputError(f"{path}: is the recording {description.id!r}; expected {name!r}, which the result is of")
+    if not known:
+        return None
+    truth, geometry = read_truth(path), read_truth_geometry(path)
     if "chainage_m" not in truth:
         raise BadInputError(f"{path}: the truth has no chainage_m; expected t_s and chainage_m at least")
     return Against(result, truth, geometry)

@@ -1,4 +1,4 @@
-"""Official places beside the chainages of tables, where they are asked for (``--km``)."""
+"""Official places beside the chainages of tables, where the line has them or they are asked for (``--km``)."""
 
 from __future__ import annotations
 
@@ -22,6 +22,15 @@ KM_COLUMN = "km"
 _HINT = "Hint: add it to recording.toml (docs/kilometrage.md) and smooth again"
 
 
+def shown_kilometrage(result: Result, wanted: bool | None) -> LineKilometrage | None:
+    """Return the kilometrage of a result's line where official places are ``wanted``; with None, where it has one.
+
+    Raises :class:`BadInputError` where they are wanted and its recording has none.
+    """
+    given = None if result.summary.run is None else result.summary.run.kilometrage
+    return line_kilometrage(result) if wanted else given if wanted is None else None
+
+
 def line_kilometrage(result: Result) -> LineKilometrage:
     """Return the kilometrage of a result's line. Raises :class:`BadInputError` where its recording has none."""
     given = None if result.summary.run is None else result.summary.run.kilometrage
@@ -31,17 +40,24 @@ def line_kilometrage(result: Result) -> LineKilometrage:
     return given
 
 
-def kilometrage_of_map(name: str, configuration: Mapping[str, JsonValue]) -> LineKilometrage:
+def kilometrage_of_map(
+    name: str, configuration: Mapping[str, JsonValue], wanted: bool | None = True
+) -> LineKilometrage | None:
     """Return the kilometrage of a map, by its configuration: that of the first run that has one.
 
-    Raises :class:`BadInputError` where none has.
+    None where official places are not ``wanted``, and with None where no run has one. Raises :class:`BadInputError`
+    where they are wanted and no run has one.
     """
+    if wanted is False:
+        return None
     for settings in configuration.values():
         if isinstance(settings, dict) and "kilometrage" in settings:
             try:
                 return LineKilometrage.model_validate_json(json.dumps(settings["kilometrage"]))
             except ValidationError as error:
                 raise BadInputError(f"map {name!r}: its kilometrage is damaged: {error.errors()[0]['msg']}") from error
+    if wanted is None:
+        return None
     what = f"map {name!r}: no run in it says anything of the line's kilometrage"
     raise BadInputError(f"{what}: expected [kilometrage] in one of the recordings. {_HINT}, and build the map anew")
 

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import math
 import platform
 from datetime import UTC, datetime
 from importlib.metadata import version
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, JsonValue, field_serializer
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, JsonValue, field_serializer
 
 from trackfg.numerics.kernels import kernels_in_use
 from trackfg.numerics.key_figures import outline
@@ -168,6 +169,20 @@ class LineUse(_ResultModel):
         return sum(abs(s.end_chainage_m - s.start_chainage_m) for s in self.stretches if s.status == status)
 
 
+def _finite(value: JsonValue) -> JsonValue:
+    """Return a value of JSON. Raises ``ValueError`` where a number of it, at any depth, is NaN or infinite."""
+    if isinstance(value, dict | list):
+        for part in value.values() if isinstance(value, dict) else value:
+            _finite(part)
+    elif isinstance(value, float) and not math.isfinite(value):
+        raise ValueError(f"{value} is no number of JSON")
+    return value
+
+
+FiniteJson = Annotated[JsonValue, AfterValidator(_finite)]
+"""What JSON holds; Python's own readers take NaN and infinity for JSON too."""
+
+
 class Summary(_ResultModel):
     """The run in one page. Biases are those at the end of the run; what was not estimated or determined is null.
 
@@ -184,8 +199,8 @@ class Summary(_ResultModel):
     map: MapUse | None = None
     line: LineUse | None = None
     versions: dict[str, str] = Field(default_factory=lambda: versions())
-    settings: dict[str, JsonValue] | None = None
-    configuration: dict[str, JsonValue]
+    settings: dict[str, FiniteJson] | None = None
+    configuration: dict[str, FiniteJson]
     solver: Solver | None = None
     timings_s: dict[str, float]
     duration_s: float

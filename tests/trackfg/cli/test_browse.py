@@ -9,7 +9,6 @@ import re
 import shutil
 import subprocess
 import sys
-import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -206,14 +205,6 @@ def test_a_killed_batch_is_told_from_a_running_one(tmp_path: Path) -> None:
     assert batch_states(store.place) == []
 
 
-def until(true: Callable[[], bool]) -> None:
-    """Wait from outside the page: its policy forbids conditions that playwright evaluates inside."""
-    end = time.monotonic() + 1e-3 * WAIT_MS
-    while not true():
-        assert time.monotonic() < end
-        time.sleep(0.05)
-
-
 def asked(address: str, path: str, *, method: str = "GET", host: str | None = None) -> http.client.HTTPResponse:
     connection = http.client.HTTPConnection(address.removeprefix("http://").rstrip("/"), timeout=1e-3 * WAIT_MS)
     connection.request(method, path, headers={} if host is None else {"Host": host})
@@ -238,7 +229,7 @@ def test_sections_are_those_of_the_known_line_that_a_run_was_smoothed_with(store
     assert sections.lines([{**row, "known_line": "another"} for row in rows]) == {}
 
 
-def test_a_browser_goes_from_the_store_to_a_report(browser: Any, address: str) -> None:
+def test_a_browser_goes_from_the_store_to_a_report(browser: Any, address: str, until: Callable[..., None]) -> None:
     expect = pytest.importorskip("playwright.sync_api").expect
     tab, faults, urls = browser.new_page(viewport={"width": 1280, "height": 900}), [], []
     tab.set_default_timeout(WAIT_MS)
@@ -266,9 +257,10 @@ def test_a_browser_goes_from_the_store_to_a_report(browser: Any, address: str) -
     lines = "document.querySelector('#runs .plot').data.filter((trace) => trace.yaxis === 'y').length"
     assert tab.evaluate(lines) >= 6
     expect(tab.locator("#history tbody tr")).not_to_have_count(0, timeout=WAIT_MS)
+    across = "document.documentElement.scrollWidth"
     for width in (1400, 800, 390):
         tab.set_viewport_size({"width": width, "height": 800})
-        until(lambda width=width: tab.evaluate("document.documentElement.scrollWidth") <= width)
+        until(lambda width=width: tab.evaluate(across) <= width, within_s=1e-3 * WAIT_MS)
     tab.click("#history td a >> text=run3")
     tab.wait_for_selector(drawn)
     assert tab.inner_text("h1") == "run3"

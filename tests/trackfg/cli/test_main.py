@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 import signal
 import subprocess
 import sys
@@ -14,6 +15,7 @@ import pytest
 
 import trackfg
 from trackfg.cli import main
+from trackfg.cli.options import SECTIONS
 from trackfg.config import SmoothConfig
 from trackfg.datasets.faults import drop_imu
 from trackfg.datasets.scenarios import simulate
@@ -95,6 +97,25 @@ def test_help_lists_the_commands_that_work(run: Run) -> None:
     assert all(command in help_ for command in COMMANDS)
     registered = main.app.registered_commands
     assert {one.name or one.callback.__name__ for one in registered if one.callback} == set(COMMANDS)
+
+
+def test_help_lists_every_command_in_a_section(run: Run) -> None:
+    help_ = run("--help").out
+    assert "\nTo begin with:\n" in help_
+    assert "\nCommands:\n" not in help_
+    assert sorted(name for names in SECTIONS.values() for name in names) == sorted([*COMMANDS, "map"])
+
+
+@pytest.mark.parametrize(
+    ("command", "usage", "argument"),
+    [("smooth", "[OPTIONS] REC", "  REC  Folder"), ("overlay", "[OPTIONS] RUN...", "  RUN...  "),
+     ("compare", "[OPTIONS] [REC...]", "  REC...  ")],
+)  # fmt: skip
+def test_help_names_arguments_as_they_are_typed(run: Run, command: str, usage: str, argument: str) -> None:
+    help_ = run(command, "--help").out
+    assert f"Usage: trackfg {command} {usage}\n" in help_
+    assert argument in help_
+    assert "<path>" not in help_.casefold()
 
 
 def test_nothing_heavy_is_imported_for_help() -> None:
@@ -448,6 +469,18 @@ def test_report(run: Run, recording: Path, tmp_path: Path) -> None:
     assert "Errors of the geometry" not in (tmp_path / "deep" / "a.html").read_text(encoding="utf-8")
 
 
+def test_report_beside_a_recording_without_truth(run: Run, recording: Path, tmp_path: Path) -> None:
+    folder = tmp_path / "own"
+    shutil.copytree(recording, folder)
+    text = (folder / "recording.toml").read_text(encoding="utf-8")
+    (folder / "recording.toml").write_text(text.partition("[truth]")[0], encoding="utf-8")
+    assert run("smooth", folder, "-o", tmp_path / "out").status == 0
+    done = run("report", tmp_path / "out", "--recording", folder)
+    assert done.status == 0
+    assert done.err == f"trackfg: note: {folder}: has no [truth]: the page shows no errors\n"
+    assert (tmp_path / "out.html").is_file()
+
+
 def test_report_of_a_comparison(run: Run, tmp_path: Path) -> None:
     assert run("compare", "--scenario", "j-turn", "--seeds", 1, "--jobs", 1, "-o", tmp_path / "cmp").status == 0
     done = run("report", tmp_path / "cmp")
@@ -492,6 +525,24 @@ def test_ctrl_c_while_a_compiled_library_is_imported(tmp_path: Path) -> None:
     )
     command = [sys.executable, "-c", program, tmp_path / "rec"]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr.strip()) == (130, "")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_ctrl_c_within_a_finaliser(tmp_path: Path) -> None:
+    """Python ignores what a finaliser raises; importing runs many of them."""
+    program = (
+        "import importlib, sys, time\n"
+        "class Lock:\n"
+        "    def __del__(self): raise KeyboardInterrupt\n"
+        "def interrupted(*arguments):\n"
+        "    Lock()\n"
+        "    for _ in range(1000): time.sleep(0.01)\n"
+        "importlib.import_module('trackfg.datasets.scenarios').scenario = interrupted\n"
+        "sys.argv = ['trackfg', 'simulate', 'mainline', '-o', sys.argv[1]]\n"
+        "from trackfg.cli.main import main; main()"
+    )
+    done = subprocess.run([sys.executable, "-c", program, tmp_path / "rec"], capture_output=True, text=True)
     assert (done.returncode, done.stderr.strip()) == (130, "")
     assert list(tmp_path.iterdir()) == []
 
@@ -600,6 +651,8 @@ def test_limits(result: Path, tmp_path: Path, limit_file: Path) -> None:
     as_json = subprocess.run([*command, "--json"], capture_output=True, text=True, check=True)
     content = json.loads(as_json.stdout)
     assert [row["from_m"] for row in content["exceedances"]] == table["from_m"].tolist()
+    assert sum(one["exceedances"]["alert"] for one in content["by_km"]) == len(table)
+    assert "level, D1" in content["by_km"][0]["worst"]
     assert content["not_judged"] == []
 
 
@@ -608,7 +661,7 @@ def test_limits_of_the_law(run: Run, result: Path) -> None:
     assert (done.status, done.err) == (0, "")
     assert "No exceedance" in done.out
     assert "Not judged" in done.out
-    assert "runoff, over 9.4488 m, peak" in done.out
+    assert "runoff over 9.45 m" in done.out
     assert "m chord" not in done.out  # a result tells every chord of them
     same = run("limits", result, "--limits", "cfr-213", "--level", "class 4")
     assert same.out == done.out
@@ -619,6 +672,8 @@ def test_limits_of_the_law(run: Run, result: Path) -> None:
     [
         (("--limits", "nowhere.toml"), "nowhere.toml: cannot be read"),
         (("--limits", "cfr-213-class-10"), "no limits of level 'class 10'"),
+        (("--limits", "cfr213"), "no limits 'cfr213': expected a file (.toml), or one of cfr-213, cfr-213-class-1 to"),
+        (("--limits", "en-13848-5"), "Hint: `trackfg config --limits en-13848-5 -o limits.toml` writes a template"),
         (("--limits", "cfr-213", "--level", "alert"), "no limits of level 'alert'"),
         (("--limits", "rule.toml"), "give the line's speed"),
     ],

@@ -14,6 +14,7 @@ from pathlib import Path
 
 import pytest
 from rich.table import Table
+from rich.text import Text
 
 from trackfg.cli.terminal import show
 from trackfg.datasets.scenarios import simulate
@@ -21,8 +22,11 @@ from trackfg.datasets.scenarios import simulate
 _COLUMNS = 80
 
 
-def on_terminal(*arguments: object, stdout: bool = True) -> str:
-    """Return what a command of trackfg writes to a terminal of 80 columns, by either stream or by stderr alone."""
+def on_terminal(*arguments: object, stdout: bool = True, status: int = 0) -> str:
+    """Return what a command of trackfg writes to a terminal of 80 columns, by either stream or by stderr alone.
+
+    Its exit status has to be ``status``.
+    """
     ours, theirs = pty.openpty()
     fcntl.ioctl(theirs, termios.TIOCSWINSZ, struct.pack("HHHH", 40, _COLUMNS, 0, 0))
     environment = {name: text for name, text in os.environ.items() if name not in ("COLUMNS", "LINES", "NO_COLOR")}
@@ -37,7 +41,7 @@ def on_terminal(*arguments: object, stdout: bool = True) -> str:
             except OSError:  # the terminal is closed when the process ends
                 break
     os.close(ours)
-    assert process.returncode == 0, shown
+    assert process.returncode == status, shown
     return re.sub(r"\x1b\[[0-9;?]*[a-zA-Z]", "", shown.decode())
 
 
@@ -66,6 +70,23 @@ def test_progress_of_smoothing(recording: Path, tmp_path: Path) -> None:
     assert "%" in on_terminal("smooth", recording, "-o", tmp_path / "out", stdout=False)
 
 
+def test_a_command_shows_at_once_that_it_has_begun_and_at_last_what_follows(recording: Path, tmp_path: Path) -> None:
+    shown = on_terminal("smooth", recording, "-o", tmp_path / "out")
+    assert shown.index("starting") < shown.index("Summary")
+    assert shown.rstrip().splitlines()[-1].startswith("next: trackfg report ")
+    command = [sys.executable, "-m", "trackfg", "check", recording]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    assert "next:" not in done.stdout + done.stderr  # a program that reads it wants what was asked for
+
+
+def test_messages_break_between_words(recording: Path) -> None:
+    shown = on_terminal("report", recording, "-o", "nowhere/page.html", status=2)
+    lines = shown.splitlines()
+    assert len(lines) > 1
+    assert max(map(len, lines)) <= _COLUMNS
+    assert " ".join(lines[-3:]).count("expected a folder that trackfg wrote") == 1
+
+
 def test_a_stream_shows_where_it_is(recording: Path, tmp_path: Path) -> None:
     shown = on_terminal("stream", recording, "-o", tmp_path / "a", "--lag", 5)
     status = re.findall(r"([\d.]+) s (-?[\d.]+) m (-?[\d.]+) km/h delay ([\d.]+) s \d+ events?", shown)
@@ -91,3 +112,14 @@ def test_columns_break_between_words(
     if width >= 60:  # the longest words of all columns have room
         assert set(" ".join(words).split()) <= set(" ".join(lines).split())
     assert (len(lines) == 2) == (width == 120)
+
+
+def test_control_characters_of_a_file_do_not_reach_the_terminal(capsys: pytest.CaptureFixture[str]) -> None:
+    table = Table()
+    table.add_column("id")
+    table.add_row(Text("\x1b[31m4711"))
+    table.add_row(Text("two\nlines", style="red"))
+    show(table)
+    shown = capsys.readouterr().out
+    assert "\x1b" not in shown
+    assert [r"\x1b[31m4711" in shown, "two" in shown, "lines" in shown, r"two\n" in shown] == [True, True, True, False]

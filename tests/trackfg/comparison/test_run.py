@@ -8,14 +8,17 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from trackfg.comparison.estimators import SMOOTHER, estimator, estimators
+from trackfg.baselines.result import BaselineResult, filled, resampled_trajectory
+from trackfg.comparison.estimators import SMOOTHER, Estimator, estimator, estimators
 from trackfg.comparison.friction_case import friction_estimators
 from trackfg.comparison.railway_case import run_railway_case
 from trackfg.comparison.run import Case, cases_of, compare
 from trackfg.comparison.table import SCORE_COLUMNS, TRUTH, Comparison
 from trackfg.datasets.scenarios import simulate
-from trackfg.errors import BadInputError
+from trackfg.errors import BadInputError, UnsolvableError
+from trackfg.recording.model import Recording
 from trackfg.report import write_report
+from trackfg.results.columns import EVENT_COLUMNS, GEOMETRY_COLUMNS
 
 
 @pytest.fixture(scope="module")
@@ -138,9 +141,41 @@ def test_a_recording_on_springs_without_truth_has_differences_but_of_geometry(tm
     toml = without_truth(tmp_path / "run") / "recording.toml"
     toml.write_text(toml.read_text().replace("rigid = true", "rigid = false"))
     alone, *_ = cases_of([tmp_path / "run"])
-    run = run_railway_case(alone, peers=False, keep=True, show=lambda *_: None)
+    run = run_railway_case(alone, peers=False, keep=True, show=lambda *_: None, own={})
     assert run.geometry.empty
     assert {"roll_mrad", "speed_kmh"} <= {one.quantity for one in run.differences}
+
+
+def at_rest(recording: Recording) -> BaselineResult:
+    """It says that nothing moves, and of a run without a tachometer that it can say nothing."""
+    if recording.tach is None:
+        raise UnsolvableError("no wheel")
+    t = recording.tach["t_s"].to_numpy()
+    trajectory = resampled_trajectory(t, {"chainage_m": np.zeros_like(t), "speed_mps": np.zeros_like(t)})
+    return BaselineResult("at-rest", trajectory, filled(GEOMETRY_COLUMNS, {}), filled(EVENT_COLUMNS, {}))
+
+
+def test_an_estimator_of_ones_own_is_scored_like_the_others(tmp_path: Path) -> None:
+    simulation = simulate("trolley", seed=0, duration_s=90.0)
+    simulation.write(tmp_path / "run")
+    own = {"at-rest": Estimator("nothing moves", "this test", at_rest, ("distance and position",))}
+    cases = cases_of([str(tmp_path / "run")])
+    comparison = compare(cases, own=own, peers=False)
+    scores = comparison.scores.set_index(["estimator", "quantity"])["rms"]
+    true_speed = 3.6 * simulation.truth["speed_mps"]
+    assert scores["at-rest", "speed_kmh"] == pytest.approx(np.sqrt(np.mean(true_speed**2)), rel=0.01)
+    assert scores["at-rest", "speed_kmh"] > 5.0 * scores["smoother", "speed_kmh"]
+    assert comparison.about.estimators["at-rest"] == "nothing moves (this test)"
+    with pytest.raises(BadInputError, match="'gyro': the name is taken"):
+        compare(cases, own={"gyro": own["at-rest"]}, peers=False)
+
+
+def test_an_estimator_of_ones_own_predicts_what_is_withheld(tmp_path: Path) -> None:
+    simulate("slippery-line", seed=1, duration_s=300.0).write(tmp_path / "run")
+    without_truth(tmp_path / "run")
+    cases = [case for case in cases_of([tmp_path / "run"]) if case.kind == "withheld"][:1]
+    own = {"at-rest": Estimator("nothing moves", "this test", at_rest, ("distance and position",))}
+    assert {"at-rest", "smoother"} <= set(compare(cases, own=own, peers=False).scores["estimator"])
 
 
 def test_unknown_names_and_ids_given_twice(tmp_path: Path) -> None:

@@ -58,7 +58,7 @@ def test_deviations_count_where_enough_are_near_each_other() -> None:
     )
     table = pd.DataFrame({"chainage_m": chainage, "twist_mm": twist})
     assert exceedances(table, [limit], speed_kmh=0.0).found["chainage_m"].tolist() == [25, 40, 50, 375, 390, 405]
-    assert limit.quantity == "twist, over 5 m, 3 within 30 m, peak"
+    assert limit.quantity == "twist over 5 m, 3 within 30 m"
 
 
 @pytest.mark.parametrize("keys", [{"repeats": 3}, {"within_m": 5.0}, {"repeats": 3, "within_m": 5.0, "kind": "sd"}])

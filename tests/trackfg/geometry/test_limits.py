@@ -104,7 +104,7 @@ def test_a_users_table_is_read(tmp_path: Path) -> None:
     first, second = read_limits(file)
     assert first == Limit(standard="own", parameter="level", level="alert", kind="peak", value_mm=12.0, band="D1")
     assert (second.kind, second.speed_from_kmh, second.speed_to_kmh, second.section_m) == ("sd", 80.0, 120.0, 100.0)
-    assert str(second) == "own, alert, level, D1, sd"
+    assert str(second) == "own, alert, level, D1, sd of 100 m"
 
 
 @pytest.mark.parametrize(

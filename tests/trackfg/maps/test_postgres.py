@@ -36,6 +36,14 @@ def test_a_column_of_another_type_is_refused(make_map: MakeMap, server: Any) -> 
         read_map(url)
 
 
+def test_a_renamed_column_is_not_written_to(make_map: MakeMap, server: Any) -> None:
+    url = server.url("plain", "renamed")
+    write_map(make_map(), url, parent=None)
+    server.sql("plain", "ALTER TABLE renamed.map_runs RENAME COLUMN version TO other")
+    with pytest.raises(BadInputError, match=r'column "version" of relation "map_runs" does not exist'):
+        write_map(make_map(), url, parent=1)
+
+
 def test_postgis_knows_the_layers(make_map: MakeMap, spatial: Any) -> None:
     made = make_map(origin=ORIGIN, cells=10_001)
     write_map(made, spatial.url("spatial", "known"), parent=None)

@@ -134,6 +134,17 @@ def test_an_overtaken_write_is_refused(make_map: MakeMap, location: str, parent:
     assert len(read_versions(location)) == 2
 
 
+def test_rows_of_a_version_that_was_deleted_are_not_overwritten(make_map: MakeMap, location: str) -> None:
+    write_map(make_map(), location, parent=None)
+    place = locate(location)
+    with place.connect("write") as connection:
+        connection.execute(place.schema.versions.delete())
+    with pytest.raises(
+        BadInputError, match=r"table map_landmarks has rows of a version after 0, which table map_versions"
+    ):
+        write_map(make_map(), location, parent=None)
+
+
 def test_a_parent_that_is_not_there(make_map: MakeMap, location: str, tmp_path: Path) -> None:
     with pytest.raises((MapConflictError, BadInputError), match=r"there is no version|no such file"):
         write_map(make_map(), location, parent=3)

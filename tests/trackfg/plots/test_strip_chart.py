@@ -16,8 +16,10 @@ from trackfg.plots.curve_labels import curves, sense_and_radius
 from trackfg.plots.scales import common_zero, extent, with_limits
 from trackfg.plots.sheet import Panel, Sheet, limit_labels
 from trackfg.plots.strip_chart import LimitLine, geometry_sheet
+from trackfg.recording.line_kilometrage import KmEquation, LineKilometrage
 from trackfg.results.columns import RAIL_COLUMNS
 from trackfg.results.result import Result
+from trackfg.results.summary import RunFacts
 
 Make = Callable[..., Result]
 
@@ -51,6 +53,27 @@ def long_result(result: Result, km: float) -> Result:
     table["chainage_m"] = 0.25 * np.arange(rows)
     table.loc[rows // 3, "twist_mm"] = 25.0
     return replace(result, geometry=table)
+
+
+def test_official_places_stand_at_the_top(result: Result, tmp_path: Path) -> None:
+    """At chainage 20 kilometrage jumps back by 5 m: a place is there twice."""
+    equations = (KmEquation(chainage_m=0.0, km="12+000"), KmEquation(chainage_m=20.0, km="12+015"))
+    run = RunFacts(
+        content_sha256="0" * 64,
+        direction=1,
+        anchored=True,
+        mount_roll_sd_rad=0.0,
+        kilometrage=LineKilometrage(equation=equations),
+    )
+    located = replace(result, summary=result.summary.model_copy(update={"run": run}))
+    sheet = geometry_sheet(located, 0.0, 40.0, ())
+    top = sheet.panels[0]
+    before, after = ("12+005", "12+010", "12+015 (1)"), ("12+015 (2)", "12+020 (2)", "12+025", "12+030")
+    assert top.marks == tuple(zip(np.arange(5.0, 40.0, 5.0), (*before, *after), strict=True))
+    assert top.y_range[1] > geometry_sheet(result, 0.0, 40.0, ()).panels[0].y_range[1]
+    assert "official places" in sheet.x_label
+    trackfg.plot_geometry(located, tmp_path / "chart.svg", from_m=0.0, to_m=40.0)
+    assert "12+005" in (tmp_path / "chart.svg").read_text()
 
 
 def test_channels_from_top_to_bottom(result: Result, with_rails: Result) -> None:
@@ -143,7 +166,8 @@ def test_a_defect_that_stands_out_of_its_noise_stays_in_the_panel() -> None:
 
 
 def test_a_quiet_channel_is_not_blown_up() -> None:
-    assert extent(np.full(10, 0.01), np.full(10, 0.1), 0.0, 1.0) == (-1.0, 1.0)
+    assert extent(np.array([-0.01, 0.01]), np.full(2, 0.1), 0.0, 1.0) == (-1.0, 1.0)
+    assert extent(np.full(10, 0.01), np.full(10, 0.1), 0.0, 1.0) == (0.0, 1.0)  # such as a speed: never below zero
 
 
 def test_both_rails_have_one_scale(with_rails: Result) -> None:

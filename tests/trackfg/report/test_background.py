@@ -111,7 +111,7 @@ def test_bad_geopackages_are_named(tmp_path: Path) -> None:
     with pytest.raises(BadInputError, match="knows no place on the Earth"):
         read_background(geojson(tmp_path / "a.json", point), None)
     with pytest.raises(BadInputError, match="ends in"):
-        read_background(tmp_path / "a.shp", ORIGIN)
+        read_background(tmp_path / "a.dxf", ORIGIN)
 
 
 def test_named_points_beside_the_path_are_stations(result: Result) -> None:

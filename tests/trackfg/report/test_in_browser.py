@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -50,14 +49,6 @@ def zoom(page: Any, start: float, end: float) -> None:
     page.tab.wait_for_selector(f"#geometry .chart[data-shown='{start:g} {end:g}']")
 
 
-def until(true: Callable[[], bool]) -> None:
-    """Within 30 s."""
-    end = time.monotonic() + 30.0
-    while not true():
-        assert time.monotonic() < end
-        time.sleep(0.05)
-
-
 def test_every_chart_is_drawn_without_a_word_or_a_request(shown: Any) -> None:
     charts = shown.tab.locator(".chart").count()
     assert charts >= 4
@@ -97,7 +88,7 @@ def test_zooming_shows_every_row(shown: Any, result_folder: Path) -> None:
     assert shown.said == []
 
 
-def test_dragging_zooms_and_a_double_click_goes_back(shown: Any) -> None:
+def test_dragging_zooms_and_a_double_click_goes_back(shown: Any, until: Callable[..., None]) -> None:
     shown.tab.locator("#geometry .plot").scroll_into_view_if_needed()
     box = shown.tab.locator("#geometry .plot .nsewdrag").first.bounding_box()
     y = box["y"] + box["height"] / 2.0
@@ -121,7 +112,7 @@ def test_dragging_zooms_and_a_double_click_goes_back(shown: Any) -> None:
     until(double_clicked_back)
 
 
-def test_vertical_scales_follow_when_asked(shown: Any) -> None:
+def test_vertical_scales_follow_when_asked(shown: Any, until: Callable[..., None]) -> None:
     scale = "document.querySelector('#geometry .plot').layout.yaxis.range"
     zoom(shown, 800, 810)
     fixed = shown.tab.evaluate(scale)
@@ -177,7 +168,7 @@ def test_next_to_nothing(make_result: Make, open_page: Callable[[Path], Any], tm
 
 
 def test_on_paper_charts_have_the_width_of_the_sheet(
-    result_folder: Path, open_page: Callable[[Path], Any], tmp_path: Path
+    result_folder: Path, open_page: Callable[[Path], Any], tmp_path: Path, until: Callable[..., None]
 ) -> None:
     page = open_page(write_report(result_folder, tmp_path / "report.html"))
     page.tab.set_viewport_size({"width": 1900, "height": 900})
@@ -191,7 +182,9 @@ def test_on_paper_charts_have_the_width_of_the_sheet(
     page.tab.close()
 
 
-def test_a_comparison(comparison_folder: Path, open_page: Callable[[Path], Any], tmp_path: Path) -> None:
+def test_a_comparison(
+    comparison_folder: Path, open_page: Callable[[Path], Any], tmp_path: Path, until: Callable[..., None]
+) -> None:
     page = open_page(write_report(comparison_folder, tmp_path / "report.html"))
     assert page.said == []
     assert page.tab.locator(".chart[data-drawn=yes]").count() == page.tab.locator(".chart").count() >= 5

@@ -18,9 +18,7 @@ EVIL = "</script><script>window.evil = 1</script><img src=x onerror=alert(1)>&\"
 @pytest.fixture(scope="module")
 def page() -> Page:
     x = packed(np.arange(10.0), 0.1)
-    panel = ChartPanel(
-        EVIL, "mm", (ChartLine(EVIL, "#123456", x, packed(np.arange(10.0) ** 2, 0.1)),), marks=((1.0, 5.0, EVIL),)
-    )
+    panel = ChartPanel(EVIL, "mm", (ChartLine(EVIL, "#123456", x, packed(np.arange(10.0) ** 2, 0.1)),))
     blocks = (
         Text(EVIL),
         Tiles((Tile(EVIL, EVIL, EVIL),)),

@@ -36,7 +36,9 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> tuple[Result, Path]:
 
 @pytest.fixture(scope="module")
 def known(run: tuple[Result, Path]) -> Against:
-    return against(*run)
+    truth = against(*run)
+    assert truth is not None
+    return truth
 
 
 def text_of(result: Result, truth: Against | None = None) -> str:
@@ -51,7 +53,8 @@ def test_what_stands_in_it(result: Result) -> None:
         "made-up",
         "1.498 km",
         "1.00210 ± 0.00030",
-        "The solver converged: step below tolerance (4 iterations)",
+        "The solver converged in 4 iterations.",
+        "step below tolerance",
         "101.5 at 200 degrees of freedom",
         "20.63 ± 0.21, -41.25 ± 0.21, 6.19 ± 0.41 deg/h",
         "10.0 ± 1.0, 20.0 ± 1.0, -30.0 ± 1.0 mm/s²",
@@ -63,7 +66,7 @@ def test_what_stands_in_it(result: Result) -> None:
         "1.50 ± 0.20",
         "trackfg report out1 -o a.html",
         "gtsam",
-        "output.rate_hz",
+        "rate_hz",
     ):
         assert expected in text, expected
 
@@ -211,8 +214,9 @@ def test_bad_recordings(run: tuple[Result, Path], make_result: Make, tmp_path: P
     shutil.copytree(recording, without)
     toml = (without / "recording.toml").read_text()
     (without / "recording.toml").write_text(re.sub(r"\[truth\][^\[]*", "", toml))
-    with pytest.raises(trackfg.BadInputError, match=r"no \[truth\]"):
-        against(result, without)
+    assert against(result, without) is None
+    with pytest.raises(trackfg.BadInputError, match="no such folder"):
+        against(result, tmp_path / "nowhere")
 
 
 def test_bad_places(result_folder: Path, comparison_folder: Path, tmp_path: Path) -> None:

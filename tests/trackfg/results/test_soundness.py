@@ -102,3 +102,13 @@ def test_what_is_not_known_is_empty_with_its_sigma(make_result: Callable[..., Re
     geometry.loc[:5, ["twist_mm", "twist_mm_sd"]] = np.nan
     sound = replace(result, geometry=geometry, covariance=PlaceCovariance.of(PLACES, np.eye(4) + 1.0))
     pd.testing.assert_frame_equal(Result.read(sound.write(tmp_path / "out")).geometry, geometry)
+
+
+@pytest.mark.parametrize("value", ["NaN", "-Infinity", "1e999"])
+@pytest.mark.parametrize("part", ["settings", "configuration"])
+def test_a_number_that_is_none_in_what_was_used(result: Result, part: str, value: str, tmp_path: Path) -> None:
+    folder = result.write(tmp_path / "out")
+    summary = json.loads((folder / "summary.json").read_text())
+    (folder / "summary.json").write_text(json.dumps(summary | {part: {"a": [1.0, "here"]}}).replace('"here"', value))
+    with pytest.raises(BadInputError, match=rf"(?s){part}.*is no number of JSON"):
+        Result.read(folder)

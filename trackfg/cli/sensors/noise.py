@@ -16,7 +16,7 @@ from trackfg.errors import BadInputError
 if TYPE_CHECKING:
     from rich.console import RenderableType
 
-    from trackfg.interchange.importing.proposal import Question
+    from trackfg.interchange.importing.proposals.questions import Question
     from trackfg.sensors.log_noise import LogNoise
 
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from trackfg.datasets.line.landxml import read_plans
 from trackfg.errors import BadInputError
-from trackfg.io.content import file_sha256
+from trackfg.io.content import line_sha256
 from trackfg.io.known_lines import known_line, read_known_line
 
 if TYPE_CHECKING:
@@ -26,7 +26,7 @@ def read_line(path: Path, system: str | None, alignment: str | None) -> KnownLin
         raise BadInputError(f"--alignment chooses one of a LandXML file: {path} is none")
     else:
         line = read_known_line(path, system)
-    return replace(line, content_sha256=file_sha256(path).hex())
+    return replace(line, content_sha256=line_sha256(path))
 
 
 def _of_landxml(path: Path, system: str | None, alignment: str | None) -> KnownLine:

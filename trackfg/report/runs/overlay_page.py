@@ -13,9 +13,10 @@ from trackfg.plots.scales import with_margin
 from trackfg.plots.sheet import BAND, BLUE
 from trackfg.report.charts import PALETTE, ChartLine, ChartPanel, Strips, whole_range
 from trackfg.report.columns import packed, packed_sigma, packed_value
+from trackfg.report.consistency import named
 from trackfg.report.geometry_charts import chainage_axis, channels
 from trackfg.report.numbers import digits, length
-from trackfg.report.page import Code, Drawing, Page, PageSection, PageTable, TableRow, Text, Tile, Tiles
+from trackfg.report.page import Code, Drawing, Page, PageSection, PageTable, TableRow, Text, Tile, Tiles, folded_if_long
 
 if TYPE_CHECKING:
     from trackfg.mapping.runs.run_overlay import RunOverlay
@@ -29,7 +30,7 @@ def overlay_page(overlay: RunOverlay, command: str) -> Page:
     reference = overlay.geometries[0]["chainage_m"].to_numpy()
     unit, scale = chainage_axis(reference)
     x_range = whole_range(scale * reference)
-    chart = runs_chart(_colours(overlay.names), overlay.geometries, whole_range(reference))
+    chart = runs_chart(_colours(overlay.names), overlay.geometries, whole_range(reference), first_wide=True)
     title = ", ".join(overlay.names)
     subtitle = f"{len(overlay.names)} runs over the chainage of {overlay.names[0]}"
     sections = (
@@ -42,7 +43,10 @@ def overlay_page(overlay: RunOverlay, command: str) -> Page:
     return Page("overlay", title, subtitle, sections)
 
 
-_NOTE = "Each run lies where it was recognised on the first. Click a name to hide it, double-click to see it alone."
+_NOTE = (
+    "Each run lies where it was recognised on the first, whose line is the wide one. Click a name to hide it, "
+    "double-click to see it alone."
+)
 
 
 def _colours(names: tuple[str, ...]) -> dict[str, str]:
@@ -61,20 +65,27 @@ def _summary(overlay: RunOverlay) -> PageSection:
     return PageSection("summary", "Summary", (Tiles(tuple(tiles)),))
 
 
-def runs_chart(colours: Mapping[str, str], geometries: Sequence[pd.DataFrame], x_range: tuple[float, float]) -> Strips:
+def runs_chart(
+    colours: Mapping[str, str],
+    geometries: Sequence[pd.DataFrame],
+    x_range: tuple[float, float],
+    *,
+    first_wide: bool = False,
+) -> Strips:
     """Return a panel per channel of the first run, with a line per run that has it; ``x_range`` in m.
 
-    ``colours``: of the runs by name, in the order of their geometries.
+    ``colours``: of the runs by name, in the order of their geometries. ``first_wide``: the line of the first run is
+    wide, to be seen beside the others.
     """
     unit, scale = chainage_axis(np.array(x_range))
     places = [packed(scale * table["chainage_m"].to_numpy(), scale * _PLACE_M) for table in geometries]
     panels = []
     for channel in channels(geometries[0]):
-        lines, extents = [], []
+        lines, extents = list[ChartLine](), []
         for (name, colour), table, x in zip(colours.items(), geometries, places, strict=True):
             if channel.column in table and table[channel.column].notna().any():
                 values = channel.scale * table[channel.column].to_numpy(dtype=np.float64)
-                lines.append(ChartLine(name, colour, x, packed_value(values)))
+                lines.append(ChartLine(name, colour, x, packed_value(values), wide=first_wide and not lines))
                 if channel.twin is None or channel.twin in table:
                     extents.append(channel_extent(table, channel, 0.0 if channel.deviation else _middle(values)))
         low, high = with_margin(min(low for low, _ in extents), max(high for _, high in extents))
@@ -98,7 +109,8 @@ def _shift_section(overlay: RunOverlay, unit: str, scale: float, x_range: tuple[
     panel = ChartPanel("shift", "m", tuple(lines), with_margin(min(reach), max(reach)), base=0.0, share=2.0)
     note = "The run's chainage less the reference's at the same place of the track. Bands: 95 % (1.96 sigma)."
     chart = Strips(f"chainage, {unit}", unit, x_range, (panel,), legend=True)
-    return PageSection("shifts", "Shift per section", (Drawing(chart, note=note), _shift_table(overlay.shifts)))
+    rows = folded_if_long(_shift_table(overlay.shifts), "sections")
+    return PageSection("shifts", "Shift per section", (Drawing(chart, note=note), *rows))
 
 
 def _shift_table(shifts: pd.DataFrame) -> PageTable:
@@ -120,16 +132,17 @@ def _shift_table(shifts: pd.DataFrame) -> PageTable:
 
 def _repeatability_section(table: pd.DataFrame) -> PageSection:
     note = (
-        "Standard deviation of run less reference over each section of 200 m, in the channel's unit; a constant "
-        "difference does not count and stands in the last column, as its mean over the sections."
+        "Standard deviation of run less reference over each section of 200 m; a constant difference does not count and "
+        "stands in the last column, as its mean over the sections."
     )
-    headings = ("run", "channel", "sections", "median", "95 % below", "greatest", "mean difference")
+    headings = ("run", "channel", "unit", "sections", "median", "95 % below", "greatest", "mean difference")
     rows = tuple(TableRow(tuple(_cells(row))) for row in table.to_dict("records"))
-    page_table = PageTable(headings, rows, numbers=frozenset(range(2, 7)))
+    page_table = PageTable(headings, rows, numbers=frozenset(range(3, 8)))
     return PageSection("repeatability", "Repeatability", (Text(note, "note"), page_table))
 
 
 def _cells(row: Mapping[Hashable, Any]) -> Iterator[str]:
-    yield from (row["run"], row["channel"], str(row["sections"]))
+    meaning = named(row["channel"])
+    yield from (row["run"], meaning.name, meaning.unit, str(row["sections"]))
     for name in ("sd_median", "sd_95", "sd_max", "mean"):
-        yield digits(row[name])
+        yield digits(meaning.scale * row[name])

@@ -24,6 +24,10 @@ _STEPS = 5
 """Colours of the bar, from the best sections to the worst."""
 _WORST_SHARE = 0.95
 """The last colour begins below this share of the sections, so that a single bad place does not pale the others."""
+_DARK = 2.0
+"""Times the best section, at least, is the end of the colours: sections that are nearly alike look alike."""
+_MOST_PLACES = 8
+"""Stretches between the places below a bar, at most: their names have room on a tablet."""
 
 
 def quality_section(result: Result, judgement: Judgement | None, places: PagePlaces) -> PageSection:
@@ -33,7 +37,7 @@ def quality_section(result: Result, judgement: Judgement | None, places: PagePla
     channels = index_channels([name.removeprefix("sd_") for name in names if name.startswith("sd_")])
     table = table[table[[f"sd_{name}" for name in channels]].notna().any(axis=1)]
     if table.empty:
-        return PageSection("quality", "Quality of each 200 m", (Text("No section is known well enough to be rated."),))
+        return _section(Text("No section is known well enough to be rated."))
     rated = [name for name in ("tqi", *(f"sd_{name}" for name in channels)) if table[name].notna().any()]
     leading = next((name for name in rated if name.startswith("sd_level")), rated[0])
     worst = table.sort_values(leading, ascending=False, kind="stable", na_position="last").head(_WORST)
@@ -47,7 +51,11 @@ def quality_section(result: Result, judgement: Judgement | None, places: PagePla
         blocks += [first, Fold(f"All {len(table)} sections", (whole,))]
     else:
         blocks.append(whole)
-    return PageSection("quality", "Quality of each 200 m", tuple(blocks))
+    return _section(*blocks)
+
+
+def _section(*blocks: Block) -> PageSection:
+    return PageSection("quality", f"Quality of each {SECTION_M:g} m", blocks, "Quality")
 
 
 def _label(column: str) -> str:
@@ -61,7 +69,8 @@ def _note(result: Result, channels: tuple[str, ...]) -> str:
     return (
         f"Standard deviations over sections of {SECTION_M:g} m, in mm; level and alignment in {band} "
         f"({low:g}-{high:g} m). TQI: the sum of those of {names}. Cross-level and twist hold the designed cant: "
-        "they and the TQI are great where a transition lies. A section of which less than half is known has none."
+        "they and the TQI are great where a transition lies. A section of which less than half is known has none. "
+        "Colours compare the sections of this run with each other; whether a value is allowed, limits say."
     )
 
 
@@ -86,7 +95,7 @@ def _table(table: pd.DataFrame, channels: tuple[str, ...], places: PagePlaces, c
 def _beyond(column: str) -> str:
     """Return channel and level of a column of shares as they are read."""
     channel, _, level = column.removeprefix("share_beyond_").partition("_mm_")
-    return f"{channel}, {level}".replace("_", " ")
+    return f"{channel.replace('cross_level', 'cross-level')}, {level}".replace("_", " ")
 
 
 def _bar(table: pd.DataFrame, rated: list[str], places: PagePlaces) -> ColourBar:
@@ -108,18 +117,23 @@ def _bar(table: pd.DataFrame, rated: list[str], places: PagePlaces) -> ColourBar
         f"Coloured bars of {', '.join(row.label for row in rows)} along the line; the greatest {_label(rated[0])} is "
         f"{digits(float(first[worst]))} mm at {names[worst]}. The table has them all."
     )
-    return ColourBar(tuple(rows), _bar_places(starts, ends, places), said)
+    return ColourBar(tuple(rows), tuple(places.written(bar_places(starts[0], ends[-1], SECTION_M))), said)
 
 
-def _bar_places(starts: Array, ends: Array, places: PagePlaces) -> tuple[str, ...]:
-    """Return the places written below a bar, evenly from its first section to its last."""
-    return tuple(places.written(np.linspace(starts[0], ends[-1], 5)))
+def bar_places(start_m: float, end_m: float, section_m: float) -> Array:
+    """Return the places written below a bar, evenly from its first section to its last, m: at ends of sections where
+    their number can be divided.
+    """
+    sections = max(round((end_m - start_m) / section_m), 1)
+    stretches = max(k for k in range(1, _MOST_PLACES + 1) if sections % k == 0)
+    return np.linspace(start_m, end_m, stretches + 1)
 
 
 def colour_steps(values: Array) -> tuple[Array, Array]:
     """Return the colour of each value, 0 to the last, -1 where it is not known; and the edges between colours."""
     known = values[np.isfinite(values)]
-    low, high = float(known.min()), float(np.quantile(known, _WORST_SHARE))
+    low = float(known.min())
+    high = max(float(np.quantile(known, _WORST_SHARE)), _DARK * low)
     edges = np.linspace(low, high, _STEPS + 1)[:-1] if high > low else np.array([low])
     step = np.searchsorted(edges, values, side="right") - 1
     return np.where(np.isfinite(values), np.clip(step, 0, _STEPS - 1), -1), edges

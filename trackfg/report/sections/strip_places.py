@@ -26,10 +26,14 @@ _EVENTS: Mapping[str, PlaceKind] = {
 
 
 def place_rows(
-    result: Result, curves: Sequence[Curve], stations: Iterable[tuple[str, float]], scale: float
+    result: Result,
+    curves: Sequence[Curve],
+    stations: Iterable[tuple[str, float]],
+    exceeded: Sequence[ChartPlace],
+    scale: float,
 ) -> tuple[PlaceRow, ...]:
-    """Return the rows that are not empty. ``stations`` are names and chainages, m; ``scale`` brings metres to the
-    axis.
+    """Return the rows that are not empty. ``stations`` are names and chainages, m; ``exceeded`` is where limits are;
+    ``scale`` brings metres to the axis.
     """
     chainage = result.geometry["chainage_m"]
     low, high = float(chainage.min()), float(chainage.max())
@@ -39,6 +43,7 @@ def place_rows(
         ("stations", [ChartPlace(x, x, name, "station") for name, x in stations if low <= x <= high]),
         ("fixes", [place for place in events if place.kind == "fix"]),
         ("events", [place for place in events if place.kind != "fix"]),
+        ("limits", exceeded),
     )
     return tuple(
         PlaceRow(name, tuple(ChartPlace(scale * p.start, scale * p.end, p.text, p.kind) for p in places))

@@ -10,11 +10,14 @@ import pandas as pd
 
 from trackfg.numerics.units import DEG_PER_H, KMH
 from trackfg.report.geometry_charts import channels
-from trackfg.report.numbers import NONE, digits, duration, length, percent, with_sd
-from trackfg.report.page import Block, Facts, PageSection, PageTable, TableRow, Text, Tile, Tiles
+from trackfg.report.numbers import NONE, counted, decimals, digits, duration, length, percent, with_sd, with_unit
+from trackfg.report.page import Block, Facts, PageSection, PageTable, Signature, TableRow, Text, Tile, Tiles
 from trackfg.results.result import Result
 from trackfg.results.summary import Estimate, Solver, Summary, VectorEstimate
 from trackfg.results.verdict import Verdict, causes, opinions
+
+_SIGNED = ("Checked by", "Date", "Signature")
+"""What is filled in by hand on the first sheet of paper."""
 
 
 def measured_elsewhere(result: Result) -> PageSection:
@@ -24,32 +27,38 @@ def measured_elsewhere(result: Result) -> PageSection:
     return PageSection("summary", "Summary", (Text(text), Tiles((tile,)), measured_table(result)))
 
 
-def summary_section(result: Result, solver: Solver) -> PageSection:
-    """Return the verdict, what each quantity can be trusted for, and the run in figures."""
+def summary_section(result: Result, solver: Solver, headlines: tuple[Tile, ...] = ()) -> PageSection:
+    """Return the run in figures, below ``headlines``, the verdict, and what each quantity can be trusted for."""
     page = result.summary
-    squares = 2.0 * solver.cost / solver.degrees_of_freedom if solver.degrees_of_freedom > 0 else math.nan
     tiles = (
+        *headlines,
         Tile("length", length(page.distance_m), _extent(result)),
-        Tile("duration", duration(page.duration_s), f"{page.keyframes} keyframes"),
-        Tile("mean speed", _mean_speed(page)),
-        Tile("squared residual per degree of freedom", digits(squares), "1 is right; less: cautious"),
+        Tile("measured", _begun(page), f"{duration(page.duration_s)}, {_mean_speed(page)}"),
+        Tile("place, 1 sigma", _place(result), "at worst, along the track"),
         Tile("wheel scale", _estimate(page.wheel_scale), "true over nominal distance"),
-        Tile("computed in", f"{sum(page.timings_s.values()):.1f} s", _per_km(result)),
     )
-    blocks: tuple[Block, ...] = (_verdict(page, solver), *_trust(page), Tiles(tiles))
+    blocks: tuple[Block, ...] = (Tiles(tiles), _verdict(page, solver), *_trust(page), Signature(_SIGNED))
     return PageSection("summary", "Verdict", blocks)
 
 
-def sensor_facts(page: Summary) -> Facts:
+def sensor_facts(result: Result) -> Facts:
     """Return what the run says of its sensors and of the solver."""
+    page = result.summary
     solver = page.solver
-    cost = NONE if solver is None else f"{solver.cost:.1f} at {solver.degrees_of_freedom} degrees of freedom"
+    cost, squares = NONE, NONE
+    if solver is not None:
+        cost = f"{solver.cost:.1f} at {solver.degrees_of_freedom} degrees of freedom, {page.keyframes} keyframes"
+        if solver.degrees_of_freedom > 0:
+            squares = f"{digits(2.0 * solver.cost / solver.degrees_of_freedom)}; 1 is right, less is cautious"
     facts = (
         ("recording", page.recording_id),
         ("clock offset of the tachometer", _estimate(page.clock_offset_s, "s")),
         ("gyro bias x, y, z at the end", _vector(page.gyro_bias_radps, 1.0 / DEG_PER_H, "deg/h")),
         ("accelerometer bias x, y, z at the end", _vector(page.accel_bias_mps2, 1000.0, "mm/s²")),
+        ("why the solver stopped", NONE if solver is None else solver.reason),
         ("cost", cost),
+        ("squared residual per degree of freedom", squares),
+        ("computed in", f"{sum(page.timings_s.values()):.1f} s{_per_km(result)}"),
         ("time by stage", ", ".join(f"{stage} {seconds:.2f} s" for stage, seconds in page.timings_s.items())),
     )
     return Facts(tuple((name, value) for name, value in facts if value != NONE))
@@ -65,7 +74,9 @@ def measured_table(result: Result) -> PageTable:
         sigmas = sigmas[np.isfinite(sigmas)]
         typical, poor = np.quantile(sigmas, [0.5, 0.95]) if sigmas.size else (math.nan, math.nan)
         low, high = (known.min(), known.max()) if known.size else (math.nan, math.nan)
-        cells = (digits(low), digits(high), digits(typical), digits(poor), percent(known.size / values.size))
+        places = decimals(typical if sigmas.size else max(abs(low), abs(high)) / 100.0)
+        ends = (NONE if math.isnan(value) else f"{round(value, places) + 0.0:.{places}f}" for value in (low, high))
+        cells = (*ends, digits(typical), digits(poor), percent(known.size / values.size))
         rows.append(TableRow((channel.label.replace("\n", " "), channel.unit, *cells)))
     return PageTable(
         ("quantity", "unit", "least", "greatest", "1 sigma, median", "1 sigma, 95 % below", "of the length"),
@@ -79,7 +90,7 @@ def _verdict(page: Summary, solver: Solver) -> Text:
     """Return one sentence: whether the solver converged, and what cannot be trusted as it is."""
     if not solver.converged:
         return Text(f"The solver did not converge: {solver.reason}. Do not trust the sigmas.", "warning")
-    converged = f"The solver converged: {solver.reason} ({solver.iterations} iterations)."
+    converged = f"The solver converged in {counted(solver.iterations, 'iteration')}."
     doubted = [_named(page.verdicts, status) for status in ("not_trusted", "widened")]
     said = [
         f"{what}: {', '.join(names)}."
@@ -89,7 +100,7 @@ def _verdict(page: Summary, solver: Solver) -> Text:
     if page.verdicts and not said:
         said = ["Every quantity can be trusted within its sigmas."]
     bad = sum(finding.level != "info" for finding in page.findings)
-    said += [f"Reading the data found {bad} thing{'s' if bad > 1 else ''} to look at."] if bad else []
+    said += [f"Reading the data found {counted(bad, 'thing')} to look at."] if bad else []
     return Text(" ".join([*said, converged]), "warning" if doubted[0] else "good")
 
 
@@ -119,14 +130,24 @@ def _extent(result: Result) -> str:
 
 def _mean_speed(page: Summary) -> str:
     if page.distance_m is None or page.duration_s <= 0.0:
-        return NONE
+        return "mean speed not determined"
     return f"{page.distance_m / page.duration_s / KMH:.1f} km/h"
+
+
+def _begun(page: Summary) -> str:
+    """Return when the run began, as its recording has it."""
+    start = None if page.run is None else page.run.start_utc
+    return "no date" if start is None else f"{start:%Y-%m-%d %H:%M} UTC"
+
+
+def _place(result: Result) -> str:
+    return with_unit(float(result.trajectory["chainage_m_sd"].max()), "m", 2)
 
 
 def _per_km(result: Result) -> str:
     if not result.summary.distance_m:
         return ""
-    return f"{1000.0 * sum(result.summary.timings_s.values()) / result.summary.distance_m:.2f} s per km"
+    return f", {1000.0 * sum(result.summary.timings_s.values()) / result.summary.distance_m:.2f} s per km"
 
 
 def _estimate(estimate: Estimate | None, unit: str = "") -> str:

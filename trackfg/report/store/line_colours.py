@@ -13,13 +13,11 @@ from trackfg.report.consistency import named
 from trackfg.report.numbers import digits
 from trackfg.report.page import BarCell, BarRow, ColourBar
 from trackfg.report.sections.places import PagePlaces
-from trackfg.report.sections.quality import colour_steps
+from trackfg.report.sections.quality import SECTION_M, bar_places, colour_steps
 from trackfg.report.store.addresses import line_address, section_address
 
 MOST_CELLS = 600
 """Cells of a bar: narrower ones than some pixels are not seen. Beyond, neighbours are one cell, of the worst value."""
-
-_WRITTEN_PLACES = 5
 
 
 @dataclass(frozen=True)
@@ -116,5 +114,5 @@ def _cells(line: str, cells: pd.DataFrame, value: Array, step: Array, unit: str)
 
 
 def _bar(rows: tuple[BarRow, ...], cells: pd.DataFrame, what: str) -> ColourBar:
-    ends = np.linspace(cells["from_m"].iloc[0], cells["to_m"].iloc[-1], _WRITTEN_PLACES)
-    return ColourBar(rows, tuple(PagePlaces().written(ends)), f"{what}. The page of the line has all as a table.")
+    places = bar_places(cells["from_m"].iloc[0], cells["to_m"].iloc[-1], SECTION_M)
+    return ColourBar(rows, tuple(PagePlaces().written(places)), f"{what}. The page of the line has all as a table.")

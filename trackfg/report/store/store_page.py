@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import pandas as pd
 
-from trackfg.report.numbers import length
+from trackfg.report.numbers import counted, length
 from trackfg.report.page import Block, Form, FormField, Latest, Page, PageSection, Text, Tile, Tiles
 from trackfg.report.store.addresses import STORE, progress_address
 from trackfg.report.store.line_colours import aspects, coloured_lines
@@ -52,7 +52,8 @@ def store_page(content: StoreContent, query: Mapping[str, str]) -> Page:
         PageSection("lines", "Lines", (*coloured_lines(lines, aspect), Text(_note(content), "note"))),
         PageSection("runs", "Runs", _runs(chosen, choice)),
     )
-    subtitle = f"{len(content.runs)} runs of {content.runs['line'].nunique()} lines"
+    lines_of_all = counted(content.runs["line"].nunique(), "line")
+    subtitle = f"{counted(len(content.runs), 'run')} of {lines_of_all}"
     return Page("store", content.place, subtitle, sections, origin=(("all runs", STORE),))
 
 

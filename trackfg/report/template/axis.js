@@ -12,7 +12,7 @@ function svg(name, attributes = {}, text = null) {
 
 const SYMBOLS = { // around (0, 0)
   fix: "M-5,-5H5L0,5Z", station: "M-5,5V-1L0,-6L5,-1V5Z", standstill: "M-4,-4H4V4H-4Z", slip: "M0,-6L5,5H-5Z",
-  gap: "M-5,-2H5V2H-5Z", other: "M0,-5L5,0L0,5L-5,0Z",
+  gap: "M-5,-2H5V2H-5Z", exceeded: "M-1.5,-6H1.5V6H-1.5Z", other: "M0,-5L5,0L0,5L-5,0Z",
 };
 
 /** A place of a row: a stretch as a bar with its text where there is room, a point as a symbol. */
@@ -35,12 +35,12 @@ function placeMark([start, end, text, kind], at, low, high, y) {
 
 /** Rows of places and the ticks below them, into a group of that width; returns its height. */
 function drawAxis(group, chart, range, left, width) {
-  const [from, to] = range, at = (x) => left + width * (x - from) / (to - from);
+  const [from, to] = range, at = (x) => left + width * (x - from) / (to - from), air = (to - from) / width;
   chart.places.forEach(({ name, places }, i) => {
     const y = ROW * i + ROW / 2;
-    group.append(svg("text", { x: left - 6, y: y + 4, "text-anchor": "end", class: "row" }, left > 60 ? name : name.slice(0, 5)));
+    group.append(svg("text", { x: left - 10, y: y + 4, "text-anchor": "end", class: "row" }, left > 60 ? name : name.slice(0, 5)));
     for (const place of places) {
-      if (place[1] >= from && place[0] <= to) group.append(placeMark(place, at, left, left + width, y));
+      if (place[1] >= from - air && place[0] <= to + air) group.append(placeMark(place, at, left, left + width, y));
     }
   });
   const base = ROW * chart.places.length + 2;

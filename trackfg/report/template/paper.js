@@ -50,7 +50,7 @@ function sheet({ chart, entries }, range, name) {
     const window_ = svg("clipPath", { id });
     window_.append(svg("rect", { x: left, y: top, width: across, height: tall }));
     defs.append(window_);
-    for (const [start, end, colour] of chart.spans) if (end >= range[0] && start <= range[1]) {
+    for (const [start, end, colour, inPanel] of chart.spans) if ((inPanel ?? i) === i && end >= range[0] && start <= range[1]) {
       group.append(svg("rect", { x: at(Math.max(start, range[0])), y: top, height: tall, fill: colour, opacity: .25,
         width: Math.max(at(Math.min(end, range[1])) - at(Math.max(start, range[0])), .8) }));
     }

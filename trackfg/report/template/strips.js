@@ -92,8 +92,9 @@ function layoutOf(chart, parts, total, legendRoom, { narrow, left, right }) {
         font: { size: 10, color: LIMIT } });
     }
   });
-  for (const [start, end, colour] of chart.spans) layout.shapes.push({ type: "rect", xref: "x", x0: start, x1: end,
-    yref: "paper", y0: 0, y1: 1, fillcolor: colour, opacity: .3, line: { width: 1, color: colour }, layer: "below" });
+  for (const [start, end, colour, panel] of chart.spans) layout.shapes.push({ type: "rect", xref: "x", x0: start, x1: end,
+    yref: panel === null ? "paper" : `${axisOf(panel)} domain`, y0: 0, y1: 1, fillcolor: colour, opacity: .3,
+    line: { width: 1, color: colour }, layer: "below" });
   const points = chart.places.flatMap(({ places }) => places.filter(([, , , kind]) => kind === "fix" || kind === "station"));
   for (const [x] of points.slice(0, SEEN_LINES)) layout.shapes.push({ type: "line", xref: "x", x0: x, x1: x,
     yref: "paper", y0: 0, y1: 1, line: { color: BASE, width: 1, dash: "dot" }, layer: "below" });
@@ -147,7 +148,7 @@ async function drawStrips(element, chart) {
   };
   const first = filled(chart.x.range);
   first.indices.forEach((index, k) => { traces[index].x = first.xs[k]; traces[index].y = first.ys[k]; });
-  const layout = layoutOf(chart, parts, total, legendRoom, shape), labels = layout.annotations;
+  const layout = layoutOf(chart, parts, total, legendRoom, shape);
   const grid = (range) => {
     const found = ticks(chart, range, Math.max(3, Math.floor(width() / 90)));
     return { "xaxis.tickvals": found.map(([x]) => x), "xaxis.ticktext": found.map(([, text]) => text) };
@@ -155,7 +156,6 @@ async function drawStrips(element, chart) {
   const heading = (range) => head.replaceChildren(axisHead(chart, range, shape.left, width(), element.clientWidth));
   const begun = grid(chart.x.range);
   Object.assign(layout.xaxis, { tickvals: begun["xaxis.tickvals"], ticktext: begun["xaxis.ticktext"] });
-  layout.annotations = [...labels, ...marks(chart, parts, chart.x.range, width())];
   heading(chart.x.range);
   await Plotly.newPlot(plot, traces, layout, CONFIG);
 
@@ -173,7 +173,7 @@ async function drawStrips(element, chart) {
     const { xs, ys, indices } = filled(shown);
     heading(shown);
     await Plotly.update(plot, { x: xs, y: ys }, {
-      annotations: [...labels, ...marks(chart, parts, shown, width())], ...grid(shown),
+      ...grid(shown),
       ...scales(chart, plot, entries, shown, reach.fit.checked) }, indices);
     element.dataset.shown = shown.join(" ");
   };
@@ -198,24 +198,6 @@ async function drawStrips(element, chart) {
   resized.observe(element);
   if (chart.paper !== null) papers.push({ element, chart, entries, select: keys.querySelector("select") });
   element.dataset.shown = shown.join(" ");
-}
-
-/** The names along the axis that have room, the longest stretches first. */
-function marks(chart, parts, [from, to], width) {
-  const room = (to - from) * 84 / width, placed = [];
-  chart.panels.forEach((panel, i) => {
-    const inside = panel.marks.map(([start, end, text]) => [Math.max(start, from), Math.min(end, to), text])
-      .filter(([start, end]) => end - start >= .2 * room).sort((a, b) => (b[1] - b[0]) - (a[1] - a[0]));
-    const taken = [];
-    for (const [start, end, text] of inside) {
-      const middle = Math.min(Math.max((start + end) / 2, from + room / 2), to - room / 2);
-      if (taken.some((other) => Math.abs(other - middle) < room)) continue;
-      taken.push(middle);
-      placed.push({ text, x: middle, xref: "x", xanchor: "center", y: parts[i][1], yref: "paper", yanchor: "top",
-        showarrow: false, font: { size: 11 }, bgcolor: "rgba(255,255,255,.7)", borderpad: 1 });
-    }
-  });
-  return placed;
 }
 
 /** Vertical scales: those of the whole run, or around what the window holds. */

@@ -62,6 +62,13 @@ function withTools(table) {
   const grouped = rows.some((row) => row.classList.contains("group"));
   if (rows.length > 1 && !grouped) sortable(table);
   line.className = "tabletools";
+  if (table.caption) {
+    const title = document.createElement("strong");
+    title.textContent = table.caption.textContent;
+    title.ariaHidden = "true"; // it is the table's caption, which readers of the screen get there
+    table.caption.classList.add("above");
+    line.append(title);
+  }
   if (rows.length > FEW) {
     const field = document.createElement("input");
     field.type = "search";

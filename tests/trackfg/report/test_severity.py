@@ -1,0 +1,52 @@
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+
+from trackfg.geometry.limits import Limit
+from trackfg.report.severity import by_kilometre, by_severity, quantity_text
+from trackfg.report.track_limits import judge
+from trackfg.results.result import Result
+
+TWIST = Limit(standard="rule", level="alert", parameter="twist", base_m=5.0, kind="peak", value_mm=1.9)
+SEVERE = TWIST.model_copy(update={"level": "stop", "value_mm": 1.99})
+SAME = TWIST.model_copy(update={"level": "plan"})
+
+
+def test_the_severest_stands_first_and_once(result: Result) -> None:
+    found = judge(result, [TWIST, SEVERE]).found
+    shown = by_severity(found)
+    assert len(shown) == (found["level"] == "alert").sum()
+    assert (shown["level"] == "stop").all()
+    assert (np.diff(shown["value_mm"].abs() / shown["limit_mm"]) <= 0.0).all()
+
+
+def test_levels_of_one_number_are_one(result: Result) -> None:
+    found = judge(result, [TWIST, SAME]).found
+    assert len(found) == 2 * len(by_severity(found))
+    assert set(by_severity(found)["level"]) == {"alert"}
+
+
+def test_each_kilometre_has_its_exceedances(result: Result) -> None:
+    found = by_severity(judge(result, [TWIST]).found)
+    kilometres = by_kilometre(found)
+    assert [one.km for one in kilometres] == ["0", "1"]
+    assert sum(one.count for one in kilometres) == len(found)
+    assert sum(one.length_m for one in kilometres) == found["length_m"].sum()
+    assert kilometres[0].counts == {"alert": (found["chainage_m"] < 1000.0).sum()}
+    assert kilometres[0].worst_text.startswith("twist over 5 m, 105 % at 0.")
+    assert by_kilometre(found.head(0)) == []
+
+
+def test_kilometres_are_official_where_places_are() -> None:
+    found = pd.DataFrame(
+        {
+            **{"chainage_m": [10.0, 20.0, 30.0], "km": ["12+999.00", "13+009.00 (2)", "13.01900"]},
+            **{"level": "alert", "quantity": "level, D1", "column": ["level_mm", "level_left_mm", "level_right_mm"]},
+            **{"value_mm": [2.0, -4.0, 3.0], "limit_mm": 2.0, "length_m": 1.0},
+        }
+    )
+    first, second = by_kilometre(found)
+    assert (first.km, first.count, second.km, second.count) == ("12", 1, "13", 2)
+    assert second.worst_text == "level, D1, left rail, 200 % at 13+009.00 (2)"
+    assert quantity_text(found.iloc[0].to_dict()) == "level, D1"
