@@ -30,12 +30,13 @@ navigation_pages = [
     "index",
     "tutorials/README",
     "how-to",
+    "concepts",
     "reference",
     "background",
     "baselines/README",
     "project/README",
 ]
-tutorial_pages = r"tutorials/(?!README).*|adding-a-factor|gallery"
+tutorial_pages = r"tutorials/(?!README).*|adding-a-factor|own-estimator|gallery"
 
 autosummary_generate = True
 autodoc_member_order = "bysource"

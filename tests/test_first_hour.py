@@ -53,6 +53,7 @@ def test_what_is_not_done_is_said(walk: ModuleType) -> None:
         "ten minutes",
         "dated runs",
         "a line's kilometrage",
+        "a log of your own",
     }
     assert len(needing) < 20
 
@@ -84,6 +85,12 @@ def test_what_does_not_work_is_found(
 ) -> None:
     (step,) = walk.walk(page_of(tmp_path, monkeypatch, text), tmp_path)
     assert failure in step.failure
+
+
+def test_both_names_of_a_switch_are_known(walk: ModuleType) -> None:
+    usage = importlib.import_module("first_hour.usage")
+    assert usage.wrong_words("trackfg limits OUT --limits NAME [--km|--no-km]") == []
+    assert usage.wrong_words("trackfg limits OUT --limits NAME [--km|--not-km]") == ["--not-km"]
 
 
 def test_blocks_go_on_from_each_other(walk: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

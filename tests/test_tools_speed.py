@@ -51,3 +51,36 @@ def test_a_process_imports_from_the_folder_that_is_given(tmp_path: Path) -> None
     assert cpu_s > 0.0
     assert wall_s > 0.0
     assert 0.0 < peak_gb < 1.0
+
+
+@pytest.fixture
+def page(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
+    monkeypatch.syspath_prepend(TOOLS)
+    return importlib.import_module("speed.page")
+
+
+def test_what_was_measured_takes_the_place_of_what_was_and_all_else_stays(page: ModuleType) -> None:
+    before = (
+        "# A\n\n<!-- speed: one -->\n\n1\n\n<!-- speed end -->\n\nB\n\n<!-- speed: two -->\n\n2\n\n<!-- speed end -->\n"
+    )
+    assert page.filled(before, {"one": "3"}) == before.replace("1", "3")
+    assert page.filled(before, {}) == before
+
+
+def test_a_part_that_has_no_place_is_refused(page: ModuleType) -> None:
+    with pytest.raises(ValueError, match="no place on the page for three"):
+        page.filled("<!-- speed: one -->\n<!-- speed end -->", {"three": "3"})
+
+
+def test_the_page_has_a_place_for_all_that_is_measured(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(TOOLS)
+    names = importlib.import_module("speed.main").PARTS
+    text = (TOOLS.parent / "docs" / "performance.md").read_text(encoding="utf-8")
+    importlib.import_module("speed.page").filled(text, dict.fromkeys(names, "-"))
+
+
+def test_triangles_take_the_operations_of_householder_reflections(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of a square matrix of n columns some 4/3 n^3 (Golub and Van Loan, 5.2.2)."""
+    monkeypatch.syspath_prepend(TOOLS)
+    limits = importlib.import_module("speed.limits")
+    assert limits._householder(300.0, 300, 300) == pytest.approx(4.0 / 3.0 * 300.0**3, rel=0.01)

@@ -2,13 +2,15 @@
 
 Measured in one run on one machine, so that ratios hold:
 
-1. the whole ``trackfg smooth`` process on a simulated hour, and on four hours;
+1. the whole ``trackfg smooth`` process on a simulated hour, on ten minutes, on four hours, and on an hour with lasers;
+   with ``--day`` on 24 hours, which takes 10 GB of memory to simulate;
 2. the same factors given to GTSAM's LevenbergMarquardtOptimizer;
 3. the same data given to python-ins' feedback filter (``pip install "trackfg[peers]"``; left out without it).
 
-    python tools/speed.py [--repeats 3] [--hours 1] [--write docs/performance.md]
+    python tools/speed.py [--repeats 3] [--hours 1] [--day] [--write docs/performance.md]
 
-Fewer hours make a quick trial; the targets are for one. ``--process`` measures the first alone.
+Fewer hours make a quick trial; the targets are for one. ``--process`` measures the first alone. ``--write`` fills the
+tables of the page with what was measured; its sentences, and the tables of what was not, stay.
 """
 
 from __future__ import annotations
@@ -19,6 +21,8 @@ import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 
+from speed.limits import limits_table, measured_machine
+from speed.page import filled
 from speed.peers import (
     CholeskyOutcome,
     FilterTimes,
@@ -33,7 +37,6 @@ from speed.process import ProcessUse, help_cpu_s, measure_smooth
 from trackfg.config import KeyframeConfig
 from trackfg.numerics.blas_threads import one_thread
 from trackfg.numerics.kernels import compiled_kernels
-from trackfg.peers.python_ins import VELOCITY_HZ
 from trackfg.results.summary import versions
 
 LONGER = 4
@@ -51,17 +54,30 @@ keyframe every 0.5 s, one every 0.5 s or 2.5 m.
 SHORT_S = 600.0
 """Length of a run of which starting and importing are a large part."""
 
+LASERS = "measuring-car"
+"""A scenario whose lasers tie keyframes far apart."""
+
+DAY_H = 24.0
+
+PARTS = ("how", "targets", "stages", "limits", "lengths", "optimisers", "cholesky", "python-ins")
+"""What the page has places for."""
+
 
 @dataclass(frozen=True)
 class ProcessTimes:
-    """The whole process: on a run of ``hours``, on one :data:`LONGER`, on ten minutes; and ``trackfg --help``."""
+    """The whole process: on a run of ``hours``, on one :data:`LONGER`, on ten minutes, with lasers; on a day, if it was
+    measured; ``trackfg --help``; and each stage's least time.
+    """
 
     hours: float
     repeats: int
     short: ProcessUse
     long: ProcessUse
     ten_minutes: ProcessUse
+    lasers: ProcessUse
+    day: ProcessUse | None
     help_s: float
+    limits: list[list[str]]
 
 
 @dataclass(frozen=True)
@@ -74,19 +90,28 @@ class Measurements:
     filtered: FilterTimes | None
 
 
-def measure_process(hours: float, repeats: int) -> ProcessTimes:
-    """Measure the whole process."""
-    with tempfile.TemporaryDirectory(prefix="trackfg-speed-") as folder:
-        once = measure_smooth(Path(folder), 3600.0 * hours, repeats)
-        longer = measure_smooth(Path(folder), LONGER * 3600.0 * hours, repeats)
-        ten_minutes = measure_smooth(Path(folder), SHORT_S, repeats)
-    return ProcessTimes(hours, repeats, once, longer, ten_minutes, help_cpu_s(repeats))
+def measure_process(hours: float, repeats: int, *, day: bool = False) -> ProcessTimes:
+    """Measure the whole process; a day, which takes long, once."""
+    with tempfile.TemporaryDirectory(prefix="trackfg-speed-") as name:
+        folder = Path(name)
+        once = measure_smooth(folder, 3600.0 * hours, repeats)
+        return ProcessTimes(
+            hours=hours,
+            repeats=repeats,
+            short=once,
+            long=measure_smooth(folder, LONGER * 3600.0 * hours, repeats),
+            ten_minutes=measure_smooth(folder, SHORT_S, repeats),
+            lasers=measure_smooth(folder, 3600.0 * hours, repeats, LASERS),
+            day=measure_smooth(folder, 3600.0 * DAY_H, 1) if day else None,
+            help_s=help_cpu_s(repeats),
+            limits=limits_table(once, measured_machine()),
+        )
 
 
 @one_thread()
-def measure(hours: float, repeats: int) -> Measurements:
+def measure(hours: float, repeats: int, *, day: bool = False) -> Measurements:
     """Measure it all. GTSAM on the denser keyframes, which is slow, is run once."""
-    process = measure_process(hours, repeats)
+    process = measure_process(hours, repeats, day=day)
     problems = [plain_problem(simulated(OPTIMISER_S), spacing) for spacing in SPACINGS]
     optimisers = [compare_optimisers(problem, repeats if i == 0 else 1) for i, problem in enumerate(problems)]
     cholesky = with_cholesky(problems[0])
@@ -103,7 +128,8 @@ def process_against_targets(p: ProcessTimes) -> list[list[str]]:
         target = ["", ""] if limit is None else [f"<= {limit:g} {unit}", _met(value <= limit)]
         return [what, f"{value:.{digits}f} {unit}", *target]
 
-    return [
+    laser = f"{LASERS}, {p.hours:g} h ({p.lasers.distance_km:.0f} km)"
+    rows = [
         ["what", "measured", "target", "met"],
         row(f"whole process, {once}: CPU time", short.cpu_s, "s", 7.0 if compiled_kernels() else 11.0),
         row(f"whole process, {once}: wall time", short.wall_s, "s", 6.0),
@@ -112,7 +138,13 @@ def process_against_targets(p: ProcessTimes) -> list[list[str]]:
         row(f"{longer}: peak memory", long.peak_gb / short.peak_gb, "times", 4.1),
         row("whole process, 10 min: CPU time", p.ten_minutes.cpu_s, "s", 1.8),
         row("trackfg --help: CPU time", p.help_s, "s", 0.4),
+        row(f"{laser}: CPU time", p.lasers.cpu_s, "s", 15.0),
+        row(f"{laser}: peak memory", p.lasers.peak_gb, "GB", 1.5),
     ]
+    if p.day is not None:
+        rows.append(row(f"{DAY_H:g} h against {p.hours:g} h: CPU time", p.day.cpu_s / short.cpu_s, "times", 25.0))
+        rows.append(row(f"{DAY_H:g} h: peak memory", p.day.peak_gb, "GB", 2.0))
+    return rows
 
 
 def against_targets(m: Measurements) -> list[list[str]]:
@@ -195,103 +227,52 @@ def machine() -> list[str]:
     ]
 
 
-def page(m: Measurements) -> str:
-    """The measurements as a Markdown page."""
+def lengths(p: ProcessTimes) -> list[list[str]]:
+    """Time and memory by the length of the run; header first."""
+    rows = [["length", "distance", "keyframes", "CPU time", "wall time", "peak memory", f"against {p.hours:g} h"]]
+    uses = [("10 min", p.ten_minutes)]
+    uses += [(f"{hours:g} h", use) for hours, use in ((p.hours, p.short), (LONGER * p.hours, p.long), (DAY_H, p.day))]
+    for name, use in uses:
+        if use is not None:
+            against = f"{use.cpu_s / p.short.cpu_s:.2f} times"
+            cpu, wall = f"{use.cpu_s:.1f} s", f"{use.wall_s:.1f} s"
+            km, number = f"{use.distance_km:.0f} km", f"{use.keyframes}"
+            rows.append([name, km, number, cpu, wall, f"{use.peak_gb:.2f} GB", against])
+    return rows
+
+
+def parts(m: Measurements) -> dict[str, str]:
+    """What the page says of the measurements, by the names of its parts (:mod:`speed.page`)."""
+    texts = (
+        _how_text(m.process),
+        *map(markdown, (against_targets(m), stages(m.process), m.process.limits, lengths(m.process))),
+        markdown(optimisers_table(m)),
+        _cholesky_text(m),
+        None if m.filtered is None else markdown(_filter_table(m.filtered)),
+    )
+    return {name: text for name, text in zip(PARTS, texts, strict=True) if text is not None}
+
+
+def _how_text(p: ProcessTimes) -> str:
+    asked = f"--repeats {p.repeats} --hours {p.hours:g}" + (" --day" if p.day is not None else "")
     facts = "\n".join(f"- {fact}" for fact in machine())
-    first, cholesky, p = m.optimisers[0], m.cholesky, m.process
-    failed = "" if cholesky.error is None else f', raising "{cholesky.error}"'
-    return f"""# Performance
+    return f"""Measured by `python tools/speed.py {asked} --write docs/performance.md`, all of it in that one run. Each
+time is the shortest of {p.repeats}; GTSAM on the denser keyframes, GTSAM with Cholesky, python-ins and a day ran once.
+All but wall times are CPU times, user and system.
 
-Written by `python tools/speed.py --repeats {p.repeats} --hours {p.hours:g} --write docs/performance.md`, all of it
-measured in that one run. Times differ from machine to machine; the ratios much less. Each time is the shortest of
-{p.repeats}; GTSAM on the denser keyframes, GTSAM with Cholesky and python-ins ran once. All but wall times are CPU
-times, user and system: wall times scatter with what else the machine does.
-
-{facts}
-
-{markdown(against_targets(m))}
-
-## Where the time goes
-
-`trackfg smooth` on the scenario `mainline`, whose IMU samples at 200 Hz: {p.short.distance_km:.0f} km and
-{p.short.keyframes} keyframes in {p.hours:g} h, {p.long.distance_km:.0f} km and {p.long.keyframes} keyframes in
-{LONGER * p.hours:g} h.
-
-{markdown(stages(p))}
-
-Stages by the CPU time that `trackfg.smooth` takes for them, in a process of its own. The work of every stage is linear
-in the length of the run, and so is its memory, that of the covariance of places included: of more than 500 places it is
-kept by blocks, each tied to the next one.
-
-The graph is a chain: the factors of a keyframe touch it, its neighbour and a few scalars shared by the run. Eliminated
-from one end to the other, it never fills in: each keyframe costs one QR of the same small size, on its rows at once (by
-LAPACK or a compiled kernel) and not by GTSAM's elimination of one variable after the other. The covariances are one
-recursion back along the same chain. The initial values come from a pass over the whole run that is close already, so
-that a longer run does not need more iterations, and what is tested in every stretch of a run has limits by the number
-of stretches, so that it does not need more rounds of reassessment by chance. Reading, standstills, compression of the
-IMU samples, our factors and the dense motion are array operations. What is left to Python loops is per keyframe or per
-20 ms of motion, never per pair of keyframes.
-
-Linear algebra runs on one thread (`trackfg.numerics.blas_threads`): with matrices of 20 to 60 rows a second one waits
-for the first. What the process frees it keeps (`trackfg.cli.freed_memory`): glibc maps each temporary above 32 MB anew,
-and the kernel clears it.
-
-## Compiled kernels
-
-Where the installation finds a C++ compiler, it compiles `kernels/` (some seconds, nothing to configure): the QR of the
-chain, and preintegration and linearisation of the inertial factors by GTSAM's equations. Without one, `pip install`
-says so in a line (`--verbose` shows it) and LAPACK and GTSAM compute the same: they are the reference that the tests
-hold each kernel against, to 1e-8 of a sigma. `TRACKFG_KERNELS=numpy` in the environment has them compute in any
-installation; `versions` in a result's `summary.json` has `kernels`, `compiled` or `numpy`. The kernels take arrays
-through Python's buffer protocol and its stable interface: one build serves Python 3.11 and later, and building needs no
-package but setuptools.
-
-## GTSAM's optimiser on the same factors
-
-The graph of a run on `mainline` (at a latitude, so that the Earth turns) without robust losses: both minimise the same
-sum of squares from the same initial values. GTSAM's LevenbergMarquardtOptimizer with SEQUENTIAL_QR and the chain's
-ordering, our factors as `gtsam.CustomFactor`, against `trackfg.solver.gauss_newton.solve`. Each stops by its own rule;
-the costs tell whether they reached the same minimum.
-
-{markdown(optimisers_table(m))}
-
-Callbacks: linearising the graph and computing its cost outside the optimiser, over values that Python owns. Copies:
-what remains of an iteration after callbacks and elimination, nearly all of it the copy of all values that each callback
-is handed inside the optimiser. It grows with the square of the number of keyframes, and the ratio with their number.
-trackfg has no callbacks: a family of factors is one array operation.
-
-QR alone: elimination of the linear graph, the same rows with the same variables, and the step. GTSAM's is native code
-(`eliminateSequential` with `EliminateQR`, no callback and no copy of values): the least that any optimiser of GTSAM
-would take for an iteration.
-
-With MULTIFRONTAL_CHOLESKY, GTSAM's default, and the same ordering the {OPTIMISER_S:g} s run is after
-{cholesky.iterations} iterations and {cholesky.seconds:.0f} s at cost {cholesky.cost:.4f}{failed}; the minimum is
-{first.ours_cost:.4f}.
-
-## python-ins on the same data
-
-{_filter_text(m.filtered)}
-"""
+{facts}"""
 
 
-def _filter_text(times: FilterTimes | None) -> str:
-    if times is None:
-        return 'Not measured: `pip install "trackfg[peers]"`.'
-    return f"""Its feedback extended Kalman filter with body velocities from the tachometer at {VELOCITY_HZ:g} Hz,
-twice as often as trackfg has keyframes and cheaper for it than more; noise densities as declared. It does not estimate
-the wheel's scale and is given the true one, and the true attitude at the start. The Earth turns in this run, because
-python-ins always models that.
-
-{markdown(_filter_table(times))}
-
-Per IMU sample, after imports and compilation: all of the smoother from recording to trajectory, all of the filter. The
-error is the standard deviation of cross-level along this one run after its first minute, so that the constant part,
-which the accelerometer's bias makes, is not in it; a filter knows the past alone and a smoother the whole run."""
+def _cholesky_text(m: Measurements) -> str:
+    failed = "" if m.cholesky.error is None else f', raising "{m.cholesky.error}"'
+    return f"""With MULTIFRONTAL_CHOLESKY, GTSAM's default, and the same ordering the {OPTIMISER_S:g} s run is after
+{m.cholesky.iterations} iterations and {m.cholesky.seconds:.0f} s at cost {m.cholesky.cost:.4f}{failed}; the minimum is
+{m.optimisers[0].ours_cost:.4f}."""
 
 
 def _filter_table(times: FilterTimes) -> list[list[str]]:
     return [
-        ["", "per IMU sample", "cross-level error"],
+        ["system", "per IMU sample", "cross-level error"],
         ["trackfg", f"{1e6 * times.smoother_s:.1f} us", f"{times.smoother_mm:.2f} mm"],
         ["python-ins", f"{1e6 * times.filter_s:.0f} us", f"{times.filter_mm:.2f} mm"],
     ]
@@ -312,19 +293,19 @@ def main() -> None:
     parser.add_argument("--repeats", type=int, default=3, help="the shortest of this many times counts")
     parser.add_argument("--hours", type=float, default=1.0, help="length of the run of the whole process")
     parser.add_argument("--process", action="store_true", help="measure the whole process alone, and not the peers")
-    parser.add_argument("--write", type=Path, metavar="FILE", help="write it all, as a Markdown page")
+    parser.add_argument("--day", action="store_true", help="measure a run of 24 hours as well")
+    parser.add_argument("--write", type=Path, metavar="FILE", help="fill the tables of this Markdown page")
     arguments = parser.parse_args()
     if arguments.process and arguments.write is not None:
         parser.error("--write needs the peers too: leave --process out")
     if arguments.process:
-        process = measure_process(arguments.hours, arguments.repeats)
-        for table in (process_against_targets(process), stages(process)):
+        process = measure_process(arguments.hours, arguments.repeats, day=arguments.day)
+        for table in (process_against_targets(process), stages(process), process.limits, lengths(process)):
             print(markdown(table), end="\n\n")
         return
-    measured = measure(arguments.hours, arguments.repeats)
-    for table in (against_targets(measured), stages(measured.process), optimisers_table(measured)):
-        print(markdown(table), end="\n\n")
-    if measured.filtered is not None:
-        print(markdown(_filter_table(measured.filtered)))
+    measured = measure(arguments.hours, arguments.repeats, day=arguments.day)
+    found = parts(measured)
+    print("\n\n".join(found.values()))
     if arguments.write is not None:
-        arguments.write.write_text(page(measured), encoding="utf-8")
+        page = arguments.write.read_text(encoding="utf-8")
+        arguments.write.write_text(filled(page, found), encoding="utf-8")

@@ -1,10 +1,11 @@
-"""Is the working tree slower than a commit? The whole ``trackfg smooth`` of both, in pairs, one after the other.
+"""Is the working tree slower than a commit? The whole ``trackfg smooth`` of both, in pairs, one after the other; or
+``trackfg stream`` of the recording's folder.
 
 Both are installed, compiled kernels included, into folders of their own, and smooth one simulated recording in turns:
 what else the machine does slows both of a pair down. It fails where CPU time or peak memory, as the median of the
 pairs' ratios, has grown by more than 10 %::
 
-    python tools/paired_speed.py [--against HEAD] [--minutes 20] [--pairs 7]
+    python tools/paired_speed.py [--against HEAD] [--minutes 20] [--pairs 7] [--stream]
 """
 
 from __future__ import annotations
@@ -69,6 +70,7 @@ def main() -> int:
     parser.add_argument("--against", default="HEAD", metavar="COMMIT", help="what the working tree is compared with")
     parser.add_argument("--minutes", type=float, default=20.0, help="length of the recording")
     parser.add_argument("--pairs", type=int, default=7, help="how often both are run")
+    parser.add_argument("--stream", action="store_true", help="stream the recording, and do not smooth it")
     asked = parser.parse_args()
     with tempfile.TemporaryDirectory(prefix="trackfg-bench-") as name:
         folder = Path(name)
@@ -78,11 +80,13 @@ def main() -> int:
         seconds = ["--duration", f"{60.0 * asked.minutes:g}"]
         measured(trackfg_command("simulate", "mainline", "-o", str(recording), *seconds), after)
 
-        def smooth(packages: Path) -> Use:
-            return measured(trackfg_command("smooth", str(recording), "-o", str(folder / "result")), packages)
+        def run(packages: Path) -> Use:
+            with tempfile.TemporaryDirectory(dir=folder) as results:  # a finished stream is not added to
+                asked_for = "stream" if asked.stream else "smooth"
+                return measured(trackfg_command(asked_for, str(recording), "-o", f"{results}/result"), packages)
 
-        smooth(before), smooth(after)  # reads files and compiles modules for the first time
-        uses = in_pairs(lambda: smooth(before), lambda: smooth(after), asked.pairs)
+        run(before), run(after)  # reads files and compiles modules for the first time
+        uses = in_pairs(lambda: run(before), lambda: run(after), asked.pairs)
     found = growth(uses)
     for (what, ratio), i, unit in zip(found.items(), (1, 2), ("s", "GB"), strict=True):
         sides = (median(pair[side][i] for pair in uses) for side in (0, 1))

@@ -10,10 +10,12 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
+from trackfg.factors.states import KEYFRAME_DIM, SHARED_DIM
+
 
 @dataclass(frozen=True)
 class ProcessUse:
-    """What one process took, and the CPU time of each stage (:mod:`speed.stages`)."""
+    """What one process took, and the CPU time of each stage (:mod:`speed.stages`); ``rows``: of the linear system."""
 
     wall_s: float
     cpu_s: float
@@ -22,15 +24,18 @@ class ProcessUse:
     distance_km: float
     keyframes: int
     iterations: int
+    rows: int
+    recording: Path
+    result: Path
 
 
-def measure_smooth(folder: Path, duration_s: float, repeats: int) -> ProcessUse:
-    """The process of ``repeats`` with the least CPU time on a simulated run of ``mainline``; all goes to ``folder``.
+def measure_smooth(folder: Path, duration_s: float, repeats: int, scenario: str = "mainline") -> ProcessUse:
+    """The process of ``repeats`` with the least CPU time on a simulated run; all goes to ``folder``.
 
     The run is simulated by a process of its own: a process's peak memory is at least its parent's when it is started.
     """
-    recording, out = folder / f"recording-{duration_s:g}", folder / f"result-{duration_s:g}"
-    simulate = trackfg_command("simulate", "mainline", "-o", str(recording), "--duration", str(duration_s))
+    recording, out = (folder / f"{kind}-{scenario}-{duration_s:g}" for kind in ("recording", "result"))
+    simulate = trackfg_command("simulate", scenario, "-o", str(recording), "--duration", str(duration_s))
     subprocess.run(simulate, check=True, stdout=subprocess.DEVNULL)
     wall_s, cpu_s, peak_gb = least_cpu(trackfg_command("smooth", str(recording), "-o", str(out)), repeats)
     stages = subprocess.run(
@@ -40,14 +45,18 @@ def measure_smooth(folder: Path, duration_s: float, repeats: int) -> ProcessUse:
         cwd=Path(__file__).resolve().parents[1],
     )
     summary = json.loads((out / "summary.json").read_text(encoding="utf-8"))
+    keyframes, solver = summary["keyframes"], summary["solver"]
     return ProcessUse(
         wall_s=wall_s,
         cpu_s=cpu_s,
         peak_gb=peak_gb,
         stages_s=json.loads(stages.stdout),
         distance_km=summary["distance_m"] / 1e3,
-        keyframes=summary["keyframes"],
-        iterations=summary["solver"]["iterations"],
+        keyframes=keyframes,
+        iterations=solver["iterations"],
+        rows=solver["degrees_of_freedom"] + keyframes * KEYFRAME_DIM + SHARED_DIM,
+        recording=recording,
+        result=out,
     )
 
 
