@@ -14,6 +14,8 @@ the Earth's rate W, whose direction is not known yet, make of e the sigma
 
     s^2 = (n^2 / dt) sum J_i^2 + q^2 dt sum (sum_k>=i J_k)^2 + g^2 |sum J_i f_i|^2 + (W^2 / 2) |sum J_i exp(i psi_i)|^2.
 
+What is left of the fit counts as its autocorrelation says: an hour of it may be a few independent values.
+
 **Without any rest** the bias across is what makes the integrated gyro run away from gravity: the slope, over the run,
 of the same difference. Kinematic accelerations spoil single tilts by 0.01 rad; over a minute that leaves 2e-4 rad/s.
 
@@ -206,13 +208,37 @@ def _drift_and_error(terms: Array, off: Array, declared_sd: float, by_gyro_sd: f
     """Return a drift, rad/s, and an error of the tilt, rad, by which ``terms`` (n, 3) make ``off`` (n,), rad, and how
     large the error is at least: 0 where it is within three sigmas, of ``declared_sd``, rad, and what the gyro makes.
     """
-    per_value = max(1.0, _KINEMATIC_S / median_interval(terms[:, 1]))
-    fit = partial(cauchy_fit, terms, off, least_sd=_LEAST_TILT_SD, per_value=per_value)
-    (_, _, error), sd = fit(prior_sd=np.array([np.inf, np.inf, _TILT_SD]))
+    size = max(1, round(_KINEMATIC_S / median_interval(terms[:, 1])))
+    fit = partial(cauchy_fit, terms, off, least_sd=_LEAST_TILT_SD)
+    free = np.array([np.inf, np.inf, _TILT_SD])
+    found, _ = fit(prior_sd=free, per_value=size)
+    fit = partial(fit, per_value=size * _spans_per_value(terms, off - terms @ found, size))
+    (_, _, error), sd = fit(prior_sd=free)
     usual = _OUTLIER_SIGMAS * float(np.linalg.norm([declared_sd, by_gyro_sd, sd[2]]))
     level = abs(error) if abs(error) > usual else 0.0
     (_, drift, error), _ = fit(prior_sd=np.array([np.inf, np.inf, max(level, declared_sd)]))
     return drift, error, level
+
+
+def _spans_per_value(terms: Array, rest: Array, size: int) -> float:
+    """Return how many spans, of ``size`` values of ``rest`` (n,) each, tell as much of the heading's share as one that
+    is independent of the others: ``1 + 2 sum r s`` over the lags up to which both autocorrelations are positive, r that of
+    the rest and s that of the heading less a straight line (Bartlett, Journal of the Royal Statistical Society 98, 1935).
+    """
+    line = terms[:, :2]
+    heading = terms[:, 2] - line @ np.linalg.lstsq(line, terms[:, 2])[0]
+    r, s = (_autocorrelation(x, size) for x in (rest, heading))
+    lasting = int(np.argmax(np.append(np.minimum(r, s), 0.0) <= 0.0))
+    return 1.0 + 2.0 * float(r[:lasting] @ s[:lasting])
+
+
+def _autocorrelation(x: Array, size: int) -> Array:
+    """Return the autocorrelation of means of x (n,) over ``size`` values each, from lag 1 on; 0 where none varies."""
+    count = len(x) // size
+    means = x[: count * size].reshape(count, size).mean(axis=1)
+    means -= means.mean()
+    products = np.correlate(means, means, "full")[count - 1 :]
+    return np.asarray(products[1:] / max(products[0], np.finfo(np.float64).tiny))
 
 
 def _without_rests(

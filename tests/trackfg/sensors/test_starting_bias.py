@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
+from scipy.signal import lfilter
 
 from trackfg.recording.description import ImuNoise
 from trackfg.sensors.starting_bias import GridMotion, rest_bias, starting_bias, tilt_error_sd_by_gyro
@@ -60,6 +61,21 @@ def test_curves_tell_the_accelerometers_bias_from_a_tilt() -> None:
     np.testing.assert_allclose(start.accel[:2], bias[:2], atol=0.05)
     assert start.accel_level == pytest.approx(0.6, abs=0.05)
     np.testing.assert_allclose(start.gyro[0, :2], BIAS[:2], atol=1e-3)
+
+
+def test_what_lasts_for_minutes_is_no_bias_of_the_accelerometer() -> None:
+    """A tilt of 20 mrad that changes over minutes, as a heading does in a town, is no bias in most drives."""
+    step, lasts_s, rng = STEP_S, 300.0, np.random.default_rng(3)
+    streets = np.repeat(rng.choice([0.0, 0.0, 0.15, -0.15], 360), 100)
+    motion, _ = ride(streets)
+    within = np.exp(-step / lasts_s)
+    levels = []
+    for _ in range(12):
+        drawn = rng.normal(0.0, 0.02 * np.sqrt(1.0 - within**2), (len(motion.t), 2))
+        tilt = lfilter([1.0], [1.0, -within], drawn, axis=0)
+        accel = motion.accel + G * np.column_stack([tilt[:, 1], -tilt[:, 0], np.zeros(len(tilt))])
+        levels.append(starting_bias(replace(motion, accel=accel), NO_RESTS, np.zeros(3), ImuNoise(), None).accel_level)
+    assert np.median(levels) < 0.05
 
 
 def test_what_the_gyro_integrates_is_no_bias_of_the_accelerometer() -> None:
