@@ -222,9 +222,13 @@ def _drift_and_error(terms: Array, off: Array, declared_sd: float, by_gyro_sd: f
 
 def _spans_per_value(terms: Array, rest: Array, size: int) -> float:
     """Return how many spans, of ``size`` values of ``rest`` (n,) each, tell as much of the heading's share as one that
-    is independent of the others: ``1 + 2 sum r s`` over the lags up to which both autocorrelations are positive, r that of
-    the rest and s that of the heading less a straight line (Bartlett, Journal of the Royal Statistical Society 98, 1935).
+    is independent of the others.
+
+    It is ``1 + 2 sum r s`` over the lags up to which both autocorrelations are positive, r that of the rest and s that
+    of the heading less a straight line (Bartlett, Journal of the Royal Statistical Society 98, 1935).
     """
+    if len(rest) < 2 * size:
+        return 1.0
     line = terms[:, :2]
     heading = terms[:, 2] - line @ np.linalg.lstsq(line, terms[:, 2])[0]
     r, s = (_autocorrelation(x, size) for x in (rest, heading))
