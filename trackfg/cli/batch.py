@@ -21,6 +21,9 @@ if TYPE_CHECKING:
 _FAILED = 1
 """Exit status where a run failed."""
 
+_NAMED = 100
+"""Failures that are named at the terminal: more than anyone reads, and as many lines as a screen takes at once."""
+
 
 @dataclass(frozen=True)
 class BatchChoices:
@@ -126,15 +129,23 @@ def _outcome_line(outcome: Outcome) -> str:
 
 @contextmanager
 def _progress(total: int) -> Iterator[Callable[[Outcome], None]]:
-    """Name each run that fails; on a terminal show how many are done and how fast, the time left, and failures."""
+    """Name the first runs that fail; on a terminal show how many are done and how fast, the time left, and failures."""
     from trackfg.errors import printable
 
-    def name_failure(outcome: Outcome) -> None:
-        if outcome.reason is not None:
-            complain(f"trackfg: warning: run {outcome.name} failed: {printable(outcome.reason)}")
+    failed = 0
+
+    def name_failure(outcome: Outcome, show: Callable[[str], None]) -> None:
+        nonlocal failed
+        if outcome.reason is None:
+            return
+        failed += 1
+        if failed <= _NAMED:
+            show(f"run {outcome.name} failed: {printable(outcome.reason)}")
+        elif failed == _NAMED + 1:
+            show("further runs that fail are in the store's catalogue, each with its reason")
 
     if not shows_progress() or total == 0:
-        yield name_failure
+        yield lambda outcome: name_failure(outcome, lambda text: complain(f"trackfg: warning: {text}"))
         return
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
@@ -143,13 +154,9 @@ def _progress(total: int) -> Iterator[Callable[[Outcome], None]]:
     columns = (TextColumn("runs"), BarColumn(), MofNCompleteColumn(), rate, TimeRemainingColumn(), failures)
     with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task("runs", total=total, rate="", failures="")
-        failed = 0
 
         def update(outcome: Outcome) -> None:
-            nonlocal failed
-            failed += outcome.reason is not None
-            if outcome.reason is not None:
-                bar.console.print(f"run {outcome.name} failed: {printable(outcome.reason)}", markup=False, style="red")
+            name_failure(outcome, lambda text: bar.console.print(text, markup=False, style="red"))
             bar.advance(task)
             elapsed = bar.tasks[0].elapsed or 0.0
             rate = 60.0 * bar.tasks[0].completed / elapsed if elapsed else 0.0

@@ -61,7 +61,10 @@ def run_batch(
     wanted = {each.run.name: each for each in planned if not each.fresh}
     outcomes: list[Outcome] = []
     with shown_progress(store.place, len(wanted)) as show, _workers(store, limits, len(wanted)) as submit:
-        for finished in _in_groups({submit(_job(each, store, limits)): name for name, each in wanted.items()}):
+        settings = {each.run.settings: each.settings for each in wanted.values()}
+        texts = {place: tomli_w.dumps(values.model_dump(mode="json")) for place, values in settings.items()}
+        jobs = (_job(each.run, store, texts[each.run.settings], limits) for each in wanted.values())
+        for finished in _in_groups({submit(job): job.run.name for job in jobs}):
             store.write(_row(wanted[outcome.name].run, outcome) for outcome in finished)
             for outcome in finished:
                 if outcome.row is not None and outcome.recording is not None:
@@ -79,14 +82,8 @@ def _workers(store: Store, limits: Limits, runs: int) -> AbstractContextManager[
     return local_processes(max(1, min(limits.jobs or processes(limits.memory_bytes), runs)))
 
 
-def _job(each: PlannedRun, store: Store, limits: Limits) -> Job:
-    return Job(
-        run=each.run,
-        result=store.result(each.run.name),
-        settings=tomli_w.dumps(each.settings.model_dump(mode="json")),
-        timeout_s=limits.timeout_s,
-        memory_bytes=limits.memory_bytes,
-    )
+def _job(run: Run, store: Store, settings: str, limits: Limits) -> Job:
+    return Job(run, store.result(run.name), settings, timeout_s=limits.timeout_s, memory_bytes=limits.memory_bytes)
 
 
 def _row(run: Run, outcome: Outcome) -> dict[str, Any]:
