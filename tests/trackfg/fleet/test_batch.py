@@ -12,8 +12,9 @@ from typing import Any
 
 import pandas as pd
 import pytest
+from typer.testing import CliRunner
 
-from trackfg.cli.main import main
+from trackfg.cli.main import app
 from trackfg.config import SmoothConfig
 from trackfg.errors import BadInputError
 from trackfg.fleet.batch import Limits, run_batch
@@ -209,19 +210,15 @@ def test_recordings_that_are_not_there_take_no_process(fleet: Fleet, stand_in: S
     )
 
 
-def test_the_command_names_a_hundred_failures_and_counts_them_all(
-    fleet: Fleet, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_command_names_a_hundred_failures_and_counts_them_all(fleet: Fleet) -> None:
     fleet.write(*(f"recordings/absent-{row},7,,{row}" for row in range(120)))
     arguments = ["batch", str(fleet.table), "-o", str(fleet.folder / "store")]
-    assert main(arguments) == 1
-    shown = capsys.readouterr()
-    assert "computed 0, failed 120" in shown.out
-    named = [line for line in shown.err.splitlines() if line.startswith("trackfg: warning: run ")]
-    assert len(named) == 100
-    assert "trackfg: warning: further runs that fail are in the store's catalogue" in shown.err
-    assert main([*arguments, "--json"]) == 1
-    assert capsys.readouterr().out.count('"status": "failed"') == 120
+    done = CliRunner().invoke(app, arguments)
+    assert done.exit_code == 1
+    assert "computed 0, failed 120" in done.stdout
+    assert done.stderr.count("trackfg: warning: run ") == 100
+    assert done.stderr.count("trackfg: warning: further runs that fail are in the store's catalogue") == 1
+    assert CliRunner().invoke(app, [*arguments, "--json"]).stdout.count('"status": "failed"') == 120
 
 
 def test_a_stale_result_stays_where_computing_it_again_fails(fleet: Fleet, stand_in: StandIn) -> None:
