@@ -28,6 +28,10 @@ CALIBRATION_FACTOR = 10.0
 point of reference, a late clock) look like scale factors and misalignments too, and data sheets are not wrong by more:
 typical to worst of one kind of sensor is a factor of 10."""
 
+_CONSUMER_MISALIGNMENT_RAD = 0.01
+"""Sigma of the axes of a sensor of a few euros: 2 % of another axis's input at most (InvenSense, *MPU-6000 and MPU-6050
+Product Specification*, revision 3.4, sections 6.1 and 6.2)."""
+
 SET_SD_M = 1e-4
 """Sigma of a place that is 0 by convention, m."""
 
@@ -56,15 +60,7 @@ def priors(inputs: GraphInputs, states: States) -> list[Family]:
     clock_sd = np.array(
         [[tach_clock.clock_offset_sd_s, tach_clock.clock_drift_sd, config.position.gnss_clock_offset_sd_s]]
     )
-    declared = response_sigmas(
-        noise.accel_scale_sd,
-        noise.gyro_scale_sd,
-        noise.misalignment_sd_rad,
-        noise.g_sensitivity_sd,
-        noise.rectification_sd,
-        inputs.world.unknown_rate_sd,
-    )
-    imu_sd = (imu_grade(inputs.path, noise) * declared)[None]
+    imu_sd = _calibration_sd(inputs.path, noise, inputs.world.unknown_rate_sd)[None]
     offset_sd = SET_OFFSET_SD_MPS if inputs.wheel is None else max(inputs.wheel.offset_sd_mps, SET_OFFSET_SD_MPS)
     wheel_sd = np.array([[tach_clock.rail_offset_sd_m] * 2 + [tach_clock.creep_per_traction_sd] * 2 + [offset_sd]])
     mount_sd = np.array([[np.radians(config.motion.mount_sd_deg)] * 2 + list(inputs.lever_arm_sd)])
@@ -107,12 +103,30 @@ def imu_grade(path: InitialPath, noise: ImuNoise) -> Array:
     off by 1 %. A gyro's own bias shows the class of the gyro. Where either is beyond what the worst of one kind have
     (:data:`CALIBRATION_FACTOR`), the whole sensor is of another kind than declared: both are in one package.
     """
-    ratio = _bias_prior(path, noise)[1] / _declared_bias_sd(noise)
-    accel, gyro = ratio[:3].max(), ratio[3:5].max()  # the vertical one's sigma may be that of a guess by tracks
-    of_another_kind = max(accel, gyro) > CALIBRATION_FACTOR
+    accel, gyro = _bias_ratios(path, noise)
     grade = np.ones(Kind.IMU.dim)
+    of_another_kind = max(accel, gyro) > CALIBRATION_FACTOR
     grade[OF_ACCELEROMETER], grade[OF_GYRO] = (max(accel, gyro),) * 2 if of_another_kind else (accel, gyro)
     return np.clip(grade, 1.0, CALIBRATION_FACTOR)
+
+
+def _bias_ratios(path: InitialPath, noise: ImuNoise) -> tuple[float, float]:
+    """Return how many times as large as declared the biases of accelerometer and gyro are."""
+    ratio = _bias_prior(path, noise)[1] / _declared_bias_sd(noise)
+    return ratio[:3].max(), ratio[3:5].max()  # the vertical gyro's sigma may be that of a guess by what tracks are like
+
+
+def _calibration_sd(path: InitialPath, noise: ImuNoise, unknown_rate_sd: float) -> Array:
+    """Return the prior's sigmas of an inertial sensor's calibration (dim,): those declared, by their grade. A sensor of
+    another kind than declared is one of a few euros, and its axes are no straighter.
+    """
+    scales = noise.accel_scale_sd, noise.gyro_scale_sd
+    rest = noise.g_sensitivity_sd, noise.rectification_sd, unknown_rate_sd
+    declared = response_sigmas(*scales, noise.misalignment_sd_rad, *rest)
+    sd = imu_grade(path, noise) * declared
+    if max(_bias_ratios(path, noise)) <= CALIBRATION_FACTOR:
+        return sd
+    return np.maximum(sd, response_sigmas(0.0, 0.0, _CONSUMER_MISALIGNMENT_RAD, 0.0, 0.0, 0.0))
 
 
 def with_free_start(families: tuple[Family, ...]) -> tuple[Family, ...]:

@@ -12,7 +12,7 @@ from trackfg.config import SmoothConfig
 from trackfg.datasets.faults import drop_imu, drop_tach
 from trackfg.datasets.scenarios import Simulation
 from trackfg.errors import UnsolvableError
-from trackfg.factors.bias import OF_ACCELEROMETER, OF_GYRO
+from trackfg.factors.bias import OF_ACCELEROMETER, OF_GYRO, OF_GYRO_RATE
 from trackfg.factors.factor_type import FactorType
 from trackfg.factors.states import Kind, Nav, Odo, States
 from trackfg.graph.build import Problem, build_problem
@@ -204,13 +204,16 @@ def test_large_biases_make_the_calibration_as_poor_at_most_ten_times(run: Simula
 
 def test_a_bias_of_another_kind_of_sensor_makes_both_triads_as_poor(run: Simulation) -> None:
     recording = run.recording
-    declared = recording.description.imu.noise.accel_bias_sd
-    grades = []
+    declared = recording.description.imu.noise
+    problems = []
     for times in (6.0, 15.0):  # the worst of one kind are ten times as poor as the typical ones
-        imu = recording.imu.assign(fz_mps2=recording.imu["fz_mps2"] + times * declared)
-        grades.append(build_problem(replace(recording, imu=imu), SmoothConfig()).imu_grade)
-    worst, of_another_kind = grades
+        imu = recording.imu.assign(fz_mps2=recording.imu["fz_mps2"] + times * declared.accel_bias_sd)
+        problems.append(build_problem(replace(recording, imu=imu), SmoothConfig()))
+    worst, of_another_kind = (problem.imu_grade for problem in problems)
     assert worst[OF_ACCELEROMETER].min() > 1.0
     np.testing.assert_array_equal(worst[OF_GYRO], 1.0)
     np.testing.assert_array_equal(of_another_kind[OF_ACCELEROMETER], 10.0)
     np.testing.assert_array_equal(of_another_kind[OF_GYRO], 10.0)
+    axes, poor_axes = (problem.family(FactorType.PRIOR_IMU).sigma[0, OF_GYRO_RATE] for problem in problems)
+    np.testing.assert_allclose(axes[[0, 1]], [declared.gyro_scale_sd, declared.misalignment_sd_rad])
+    np.testing.assert_allclose(poor_axes[[0, 1]], [10.0 * declared.gyro_scale_sd, 0.01])  # 2 % across at most

@@ -8,6 +8,7 @@ import pandas as pd
 
 from trackfg.factors.factor_type import FactorType
 from trackfg.results.verdict import QUANTITIES, Doubt, Quantity, Verdict, verdicts
+from trackfg.smoothing.doubts.gradient_doubts import gradient_doubts
 from trackfg.smoothing.doubts.path_doubts import path_doubts
 from trackfg.smoothing.doubts.residual_doubts import self_test
 from trackfg.smoothing.doubts.vibration_doubts import vibration_doubts
@@ -22,7 +23,7 @@ def judged(run: SolvedRun, geometry: pd.DataFrame) -> tuple[Verdict, ...]:
     if not run.solution.converged:
         return verdicts([*_of_solver(run), *run.doubts])
     tested = self_test(run)
-    seen = [*path_doubts(run), *vibration_doubts(run, geometry)]
+    seen = [*path_doubts(run), *gradient_doubts(run), *vibration_doubts(run, geometry)]
     return verdicts([*_of_what_is_measured(run), *tested.doubts, *seen, *run.doubts], tested.checked_by)
 
 
