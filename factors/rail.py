@@ -6,7 +6,7 @@ point of the rail, up to how far apart along it they were taken:
 
     N R_i' ( p_i + R_i b_i - p(h) - R(h) b ) = 0,
 
-N (d, 3) the directions across the rail, in the body axes of keyframe i. In axes that do not turn with the estimate,
+N (2, 3) the directions across the rail, in the body axes of keyframe i. In axes that do not turn with the estimate,
 what both points are apart along the rail would show sideways as soon as the heading changed, and so seem to measure the
 heading itself: 5 mm, a good match, in thousands of sights, to 0.1 mrad. Between keyframes the motion is what inertial
 samples say it is, tied to both ends as in :mod:`trackfg.output.dense_motion`:
@@ -26,7 +26,7 @@ from typing import NamedTuple
 import numpy as np
 
 from trackfg.factors.factor_type import FactorType
-from trackfg.factors.family import Family
+from trackfg.factors.family import Family, in_kernel, linear_rows
 from trackfg.factors.linear import Slot
 from trackfg.factors.loss import Loss
 from trackfg.factors.states import Kind, Nav
@@ -71,6 +71,10 @@ def _leading(nav: Nav, b: Array) -> tuple[Array, Array]:
     return point, np.concatenate([-nav.R @ skew(b), nav.R, np.zeros_like(nav.R)], axis=2)
 
 
+_DATA = ("across", "lead", "fraction", "interval", "turned", "turn", "detail", "trail")
+
+
+@in_kernel(linear_rows("rail_apart", *_DATA))
 def _apart(
     first: Nav, start: Nav, end: Nav, *, across: Array, lead: Array, trail: Array, **between: Array
 ) -> tuple[Array, tuple[Array, ...]]:
@@ -83,6 +87,7 @@ def _apart(
     return np.einsum("mdi,mi->md", across, apart), (by_first, -in_body @ by_start, -in_body @ by_end)
 
 
+@in_kernel(linear_rows("rail_within", *_DATA))
 def _within(start: Nav, end: Nav, **data: Array) -> tuple[Array, tuple[Array, ...]]:
     residual, (by_first, by_start, by_end) = _apart(start, start, end, **data)
     return residual, (by_first + by_start, by_end)
@@ -94,7 +99,7 @@ class RailSightings:
 
     ``first`` (m,): the keyframe at which the leading unit saw it; ``start`` (m,): the keyframe that begins the interval
     in which the trailing one did, at the share ``fraction`` (m,) of its length ``interval`` (m,), s. ``across``
-    (m, d, 3): unit vectors across the rail, in body axes at ``first``. ``lead`` and ``trail`` (m, 3): the point in body
+    (m, 2, 3): unit vectors across the rail, in body axes at ``first``. ``lead`` and ``trail`` (m, 3): the point in body
     axes from the IMU, m, as the units saw it. ``turned`` and ``turn`` (m, 3, 3): the gyro's rotation from the start
     until then, and over the whole interval. ``detail`` (m, 3): what the accelerometer saw of the path besides the
     cubic, m.
@@ -114,23 +119,15 @@ class RailSightings:
     @property
     def data(self) -> dict[str, Array]:
         """The measurements by name, as the factors take them."""
-        return {
-            "across": self.across,
-            "lead": self.lead,
-            "fraction": self.fraction[:, None],
-            "interval": self.interval[:, None],
-            "turned": self.turned,
-            "turn": self.turn,
-            "detail": self.detail,
-            "trail": self.trail,
-        }
+        own = {name: getattr(self, name) for name in _DATA}
+        return {name: values if values.ndim > 1 else values[:, None] for name, values in own.items()}
 
 
 def same_rail(seen: RailSightings, sigma: Array, loss: Loss | None) -> tuple[Family, Family]:
     """Return the factors of sightings as two families.
 
     In the first one the keyframe ``first`` begins the interval ``start``, in the second the others are. Residual and
-    sigma (m, d) in m.
+    sigma (m, 2) in m.
     """
     near = seen.first == seen.start
     ends = (Slot(Kind.NAV, seen.start), Slot(Kind.NAV, seen.start + 1))

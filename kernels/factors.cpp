@@ -11,7 +11,7 @@ namespace {
 constexpr int NAV = 9, BIAS = 6, ODO = 4, MOUNT = 5, CLOCK = 3, IMU = 26, WHEEL = 5, SENSOR = 2;
 constexpr int GYRO_RATE = 6;  // where W begins in IMU, row by row
 constexpr int DISTANCE = 0, SCALE = 1, COUNT = 2, STEP = 3;  // of ODO
-constexpr int MOST_SLOTS = 4, MOST_DATA = 5;
+constexpr int MOST_SLOTS = 4, MOST_DATA = 8;
 
 // What a factor is computed from: the values that it touches, slot by slot, and its measurements. Values of NAV are its
 // attitude; position and velocity follow in arrays of their own.
@@ -37,6 +37,9 @@ struct Rows {
     }
     void row(int row, int column, const Vector &from) const {
         for (int j = 0; j < 3; ++j) at(row, column + j) = from[j];
+    }
+    void add(int row, int column, const Vector &from) const {
+        for (int j = 0; j < 3; ++j) at(row, column + j) += from[j];
     }
 };
 
@@ -220,6 +223,41 @@ void standstill(const Given &given, const Rows &rows) {
     rows.block(3, NAV + 3, relative);
 }
 
+// Two units see one point of a rail: one at slot `first`, one between slots `start` and `start` + 1.
+void same_rail(const Given &given, const Rows &rows, int first, int start) {
+    const double h = *given.data[2], T = *given.data[3], h2 = h * h, h3 = h2 * h;
+    const double share[2] = {1 - 3 * h2 + 2 * h3, 3 * h2 - 2 * h3}, slope[2] = {T * (h - 2 * h2 + h3), T * (h3 - h2)};
+    const Vector lead = vector(given.data[1]), trail = vector(given.data[7]);
+    const Matrix ends[2] = {given.R(start), given.R(start + 1)}, relative = transposed(ends[0]) * ends[1];
+    const Vector e = logarithm(transposed(matrix(given.data[5])) * relative);
+    const Rotation late(h * e);
+    const Matrix until = matrix(given.data[4]) * late.exponential(), trailing = ends[0] * until, leading = given.R(first);
+    Vector behind = vector(given.data[6]) + trailing * trail;
+    for (int end = 0; end < 2; ++end)
+        behind = behind + (share[end] * given.position(start + end) + slope[end] * vector(given.v[start + end]));
+    const Vector apart = transposed(leading) * (given.position(first) + leading * lead - behind);
+    const Vector across[2] = {vector(given.data[0]), vector(given.data[0] + 3)};
+    for (int i = 0; i < 2; ++i) rows.residual(i, dot(across[i], apart));
+    if (!rows.with_jacobian()) return;
+    const Matrix by_end = h * (late.jacobian() * Rotation(e).inverse_jacobian());
+    const Matrix by_turn[2] = {transposed(until) - by_end * transposed(relative), by_end};
+    for (int i = 0; i < 2; ++i) {
+        rows.add(i, NAV * first, cross(across[i], apart - lead));
+        rows.add(i, NAV * first + 3, across[i]);
+        const Vector in_n = leading * across[i], about = cross(transposed(trailing) * in_n, trail);
+        for (int end = 0; end < 2; ++end) {
+            const int at = NAV * (start + end);
+            const Vector own = transposed(ends[end]) * in_n;
+            rows.add(i, at, transposed(by_turn[end]) * about);
+            rows.add(i, at + 3, -share[end] * own);
+            rows.add(i, at + 6, -slope[end] * own);
+        }
+    }
+}
+
+void rail_within(const Given &given, const Rows &rows) { same_rail(given, rows, 0, 0); }
+void rail_apart(const Given &given, const Rows &rows) { same_rail(given, rows, 0, 1); }
+
 // The kinds of variables in the order in which Python passes their values, those of NAV as three arrays.
 enum Variable { OF_NAV, OF_BIAS, OF_ODO, OF_MOUNT, OF_CLOCK, OF_IMU, OF_WHEEL, VARIABLES };
 constexpr int DIMENSION[VARIABLES] = {NAV, BIAS, ODO, MOUNT, CLOCK, IMU, WHEEL};
@@ -250,6 +288,8 @@ const Type TYPES[] = {
     {"bias_walk", bias_walk, 6, {OF_BIAS, OF_BIAS, OF_IMU, NONE}, {BIAS * IMU}},
     {"at_rest", at_rest, 3, {OF_NAV, NONE, NONE, NONE}, {}},
     {"standstill", standstill, 6, {OF_NAV, OF_NAV, NONE, NONE}, {}},
+    {"rail_within", rail_within, 2, {OF_NAV, OF_NAV, NONE, NONE}, {6, 3, 1, 1, 9, 9, 3, 3}},
+    {"rail_apart", rail_apart, 2, {OF_NAV, OF_NAV, OF_NAV, NONE}, {6, 3, 1, 1, 9, 9, 3, 3}},
 };
 
 // Buffers of a tuple of arrays of doubles of any shape in C order: of each, how many rows and numbers it has.
@@ -269,7 +309,7 @@ class Arrays {
             if (PyObject_GetBuffer(PyTuple_GetItem(tuple, held_), &views_[held_], PyBUF_C_CONTIGUOUS | PyBUF_FORMAT) != 0)
                 return;
         for (Py_ssize_t i = 0; i < count_; ++i) {
-            const char *format = views_[i].format == nullptr ? "B" : views_[i].format;
+            const char *format = views_[i].format == nullptr ? "B" : in_own_order(views_[i].format);
             if (std::strcmp(format, "d") != 0 || views_[i].ndim < 1) {
                 PyErr_SetString(PyExc_TypeError, "expected arrays of doubles");
                 return;

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
@@ -157,6 +158,14 @@ def test_a_kernel_takes_measurements_as_they_lie_in_memory(with_both: WithBoth) 
     for one in (family.with_data(angular_rate=rate), family.take(slice(None, None, 2))):
         ours, theirs = with_both(lambda one=one: one.linearize(states).rows)
         np.testing.assert_allclose(ours, theirs, rtol=1e-10, atol=1e-11)
+
+
+def test_a_kernel_takes_measurements_of_a_declared_byte_order(with_both: WithBoth) -> None:
+    """Arrays of MATLAB's files declare it."""
+    states, family = random_states(0), families(0)[0]
+    declared = family.data["angular_rate"].view(np.dtype(np.float64).newbyteorder(sys.byteorder))
+    ours, theirs = with_both(lambda: family.with_data(angular_rate=declared).linearize(states).rows)
+    np.testing.assert_allclose(ours, theirs, rtol=1e-10, atol=1e-11)
 
 
 def test_residuals_that_are_not_finite_are_refused(kernels: str) -> None:

@@ -8,6 +8,7 @@ its sigma as their spread, whatever its extent.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -37,12 +38,16 @@ class Points:
         return Points(self.keyframe[rows], self.fraction[rows], self.left[rows], self.axle[rows], self.arm[rows])
 
 
-@dataclass(frozen=True)
-class PointErrors:
-    """Errors of points, each (count, m): ``height``, ``lateral`` m, ``heading`` rad, ``tilt`` (of the sine of roll)."""
+class PlaceErrors(NamedTuple):
+    """Errors of places, each (count, m), m."""
 
     height: Array
     lateral: Array
+
+
+class AngleErrors(NamedTuple):
+    """Errors of angles, each (count, m): ``heading``, rad, and ``tilt``, of the sine of roll."""
+
     heading: Array
     tilt: Array
 
@@ -71,61 +76,66 @@ class PosteriorErrors:
         return cls(position, velocity, attitude, beam, rng)
 
 
-def point_errors(run: RunContext, points: Points, errors: PosteriorErrors) -> PointErrors:
-    """Draw the errors of points in order of chainage.
+class PointErrors:
+    """Errors of points in order of chainage are drawn one after the other, from the keyframes' errors.
 
     Position is carried between keyframes by the cubic of its end values and slopes, attitude linearly. In between, the
     accelerometer's white noise N adds ``N T^1.5 sum phi_i(f) / beta_i^2 xi_i``, phi_i the modes of a clamped beam (the
     doubly integrated noise, pinned in value and slope: three modes hold 98 % of it), and the gyro's a Brownian bridge.
     """
-    k, f, count = points.keyframe, points.fraction, errors.position.shape[2]
-    span = np.diff(run.t)[k][:, None]
-    left, axle, arm = points.left, points.axle, points.arm
-    f1 = f[:, None]
-    p, v, a = errors.position, errors.velocity, errors.attitude
-    w0, w1, u0, u1 = (weight[:, :, None] for weight in hermite_weights(f1, span))
-    moved = w0 * p[k] + w1 * p[k + 1] + u0 * v[k] + u1 * v[k + 1]
-    tilted = (1.0 - f1)[:, :, None] * a[k] + f1[:, :, None] * a[k + 1]
 
-    def position(direction: Array) -> Array:
-        """Return the error of the IMU's position in a direction (m, 3), carried from the keyframes."""
-        return np.asarray(np.einsum("mi,mis->ms", direction, moved))
+    def __init__(self, run: RunContext, points: Points, errors: PosteriorErrors) -> None:
+        self._run, self._points, self._errors = run, points, errors
+        self._bridges = _Bridges(run.t, points.keyframe, points.fraction)
+        f, a = points.fraction[:, None, None], errors.attitude
+        self._tilted = (1.0 - f) * a[points.keyframe] + f * a[points.keyframe + 1]
 
-    def attitude(direction: Array) -> Array:
-        """Return the error of the attitude about a direction (m, 3), carried from the keyframes."""
-        return np.asarray(np.einsum("mi,mis->ms", direction, tilted))
+    def places(self) -> PlaceErrors:
+        """Draw the errors of the points: the IMU's position less the arm, which turns with the attitude."""
+        run, errors, k, left, arm = self._run, self._errors, self._points.keyframe, self._points.left, self._points.arm
+        span, f = np.diff(run.t)[k][:, None], self._points.fraction[:, None]
+        w0, w1, u0, u1 = (weight[:, :, None] for weight in hermite_weights(f, span))
+        p, v = errors.position, errors.velocity
+        moved = w0 * p[k] + w1 * p[k + 1] + u0 * v[k] + u1 * v[k + 1]
+        beam = span**1.5 * _beam(self._points.fraction)
+        levered = int(np.argmax(run.noise.gyro[k].sum(axis=0)))
+        up = np.broadcast_to([0.0, 0.0, 1.0], left.shape)
+        forward = np.cross(left, up)
 
-    def shaken(axis: int, direction: int) -> Array:
-        modes = run.noise.accel[k, axis, None] * span**1.5 * _beam(f)
-        return np.asarray(np.einsum("mi,mis->ms", modes, errors.beam[k, direction]))
+        def at_point(direction: Array) -> Array:
+            position: Array = np.einsum("mi,mis->ms", direction, moved)
+            if not arm.any():
+                return position
+            lever = np.cross(arm, direction)
+            length: Array = np.linalg.norm(lever, axis=1)[:, None]
+            return position - self._turned_about(lever) + length * self._noise(levered)
 
-    def turned(axis: int) -> Array:
-        return np.asarray(run.noise.gyro[k, axis, None] * _bridges(run.t, k, f, count, errors.rng))
+        def shaken(axis: int, direction: int) -> Array:
+            modes = run.noise.accel[k, axis, None] * beam
+            return np.asarray(np.einsum("mi,mis->ms", modes, errors.beam[k, direction]))
 
-    levered = int(np.argmax(run.noise.gyro[k].sum(axis=0)))
+        height, across, ahead = (at_point(direction) for direction in (up, left, forward))
+        # The heading of the path errs by d(across)/dx + curvature * ahead: a path that is turned as a whole stays the
+        # same.
+        turn = np.diff(np.unwrap(np.arctan2(forward[:, 1], forward[:, 0])))[:, None]
+        bent = np.vstack([np.zeros((1, ahead.shape[1])), np.cumsum(0.5 * turn * (ahead[1:] + ahead[:-1]), axis=0)])
+        return PlaceErrors((height + shaken(2, 0)).T, (across + bent + shaken(1, 1)).T)
 
-    up = np.broadcast_to([0.0, 0.0, 1.0], left.shape)
-    forward = np.cross(left, up)
+    def angles(self) -> AngleErrors:
+        """Draw the errors of the points' attitude."""
+        up = np.broadcast_to([0.0, 0.0, 1.0], self._points.axle.shape)
+        heading = self._turned_about(up) + self._noise(2)
+        tilt = self._turned_about(np.cross(self._points.axle, up)) + self._noise(0)  # d(axle) = phi x axle
+        return AngleErrors(heading.T, tilt.T)
 
-    def at_point(direction: Array) -> Array:
-        """Return the error of the point: the IMU's position less the arm, which turns with the attitude."""
-        if not arm.any():
-            return position(direction)
-        lever = np.cross(arm, direction)
-        return np.asarray(
-            position(direction) - attitude(lever) + np.linalg.norm(lever, axis=1)[:, None] * turned(levered)
-        )
+    def _turned_about(self, direction: Array) -> Array:
+        """Return the error of the attitude about a direction (m, 3), carried from the keyframes. (m, count)"""
+        return np.asarray(np.einsum("mi,mis->ms", direction, self._tilted))
 
-    height, across, ahead = (at_point(direction) for direction in (up, left, forward))
-    # The heading of the path errs by d(across)/dx + curvature * ahead: a path that is turned as a whole stays the same.
-    turn = np.diff(np.unwrap(np.arctan2(forward[:, 1], forward[:, 0])))[:, None]
-    bent = np.vstack([np.zeros((1, count)), np.cumsum(0.5 * turn * (ahead[1:] + ahead[:-1]), axis=0)])
-    return PointErrors(
-        height=(height + shaken(2, 0)).T,
-        lateral=(across + bent + shaken(1, 1)).T,
-        heading=(attitude(up) + turned(2)).T,
-        tilt=(attitude(np.cross(axle, up)) + turned(0)).T,  # d(axle) = phi x axle
-    )
+    def _noise(self, axis: int) -> Array:
+        """Draw what the gyro's white noise adds between keyframes about an axis. (m, count)"""
+        density = self._run.noise.gyro[self._points.keyframe, axis, None]
+        return np.asarray(density * self._bridges.drawn(self._errors.attitude.shape[2], self._errors.rng))
 
 
 def _beam(f: Array) -> Array:
@@ -136,14 +146,22 @@ def _beam(f: Array) -> Array:
     return np.asarray((np.cosh(x) - np.cos(x) - ratio * (np.sinh(x) - np.sin(x))) / b**2)
 
 
-def _bridges(t: Array, keyframe: np.ndarray, fraction: Array, count: int, rng: np.random.Generator) -> Array:
-    """Draw Brownian motion of unit density at the rows' times, pinned at every keyframe. Shape (m, count)."""
-    rows = t[keyframe] + fraction * np.diff(t)[keyframe]
-    low, high = keyframe.min(), keyframe.max() + 2
-    times = np.concatenate([t[low:high], rows])
-    order = np.argsort(times, kind="stable")
-    steps = np.sqrt(np.diff(times[order], prepend=times[order[0]]))[:, None] * rng.standard_normal((len(times), count))
-    free = np.empty_like(steps)
-    free[order] = np.cumsum(steps, axis=0)
-    pins, k, f = free[: high - low], keyframe - low, fraction[:, None]
-    return np.asarray(free[high - low :] - (1.0 - f) * pins[k] - f * pins[k + 1])
+class _Bridges:
+    """Brownian motion of unit density at ``fraction`` (m,) of the intervals after ``keyframe`` (m,), pinned at every
+    keyframe; ``t`` (n,): their times, s.
+    """
+
+    def __init__(self, t: Array, keyframe: np.ndarray, fraction: Array) -> None:
+        low, high = keyframe.min(), keyframe.max() + 2
+        times = np.concatenate([t[low:high], t[keyframe] + fraction * np.diff(t)[keyframe]])
+        self._order = np.argsort(times, kind="stable")
+        self._step_sd = np.sqrt(np.diff(times[self._order], prepend=times[self._order[0]]))
+        self._pins, self._interval, self._fraction = high - low, keyframe - low, fraction[:, None]
+
+    def drawn(self, count: int, rng: np.random.Generator) -> Array:
+        """Draw some of them, (m, count)."""
+        steps = self._step_sd[:, None] * rng.standard_normal((len(self._order), count))
+        free = np.empty_like(steps)
+        free[self._order] = np.cumsum(steps, axis=0, out=steps)
+        pins, k, f = free[: self._pins], self._interval, self._fraction
+        return np.asarray(free[self._pins :] - (1.0 - f) * pins[k] - f * pins[k + 1])

@@ -23,7 +23,7 @@ from trackfg.geometry.twist import twist
 from trackfg.geometry.versines import versine
 from trackfg.graph.run_context import RunContext
 from trackfg.numerics.arrays import Array
-from trackfg.output.profile_samples import PosteriorErrors, point_errors
+from trackfg.output.profile_samples import PointErrors, PosteriorErrors
 from trackfg.output.profiles import Profile, Shapes
 from trackfg.output.trajectory import keyframe_variances
 from trackfg.results.columns import GEOMETRY_COLUMNS, RAIL_COLUMNS
@@ -189,11 +189,13 @@ class _Columns:
     def _drawn(self, rows: slice) -> tuple[Shapes, Shapes]:
         """Draw samples of the errors of some rows: those of the motion, and the white noise of displacement sensors."""
         views, step = self.profile.views, rows.step * self.meaning.step_m
-        moved = [point_errors(self.run, view.points[rows], self.errors) for view in views]
+        drawn = [PointErrors(self.run, view.points[rows], self.errors) for view in views]
+        moved = [errors.places() for errors in drawn]
         if views[0].side is None:
-            own = moved[0]
-            nothing = np.zeros_like(own.height)
-            return Shapes(own.height, own.lateral, own.tilt, own.heading), Shapes(nothing, nothing, nothing, nothing)
+            (place,), (errors,) = moved, drawn
+            angle, nothing = errors.angles(), np.zeros_like(place.height)
+            motion = Shapes(place.height, place.lateral, angle.tilt, angle.heading)
+            return motion, Shapes(nothing, nothing, nothing, nothing)
 
         def rails(heights: list[Array], laterals: list[Array]) -> Shapes:
             sides = {

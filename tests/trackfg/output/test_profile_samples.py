@@ -10,7 +10,7 @@ import pytest
 
 from trackfg.factors.states import KEYFRAME_DIM, SHARED_DIM, Kind, Nav, Odo, States, offset_in_keyframe
 from trackfg.numerics.rotations import matrix_from_rpy
-from trackfg.output.profile_samples import PointErrors, Points, PosteriorErrors, point_errors
+from trackfg.output.profile_samples import AngleErrors, PlaceErrors, PointErrors, Points, PosteriorErrors
 from trackfg.sensors.imu_noise import WhiteNoise
 
 COUNT = 4000
@@ -48,7 +48,7 @@ def drawn(tangents: np.ndarray | None = None, seed: int = 0) -> PosteriorErrors:
 FRACTION = np.array([0.0, 0.1, 0.25, 0.5, 0.7, 1.0])
 
 
-def spread(errors: PointErrors, name: str) -> np.ndarray:
+def spread(errors: PlaceErrors | AngleErrors, name: str) -> np.ndarray:
     return np.asarray(getattr(errors, name).std(axis=0))
 
 
@@ -58,7 +58,7 @@ def test_place_between_exact_keyframes_is_a_clamped_beam(name: str) -> None:
 
     Its first three modes hold 98 % of the variance in the middle, and less near the ends, where there is little.
     """
-    found = spread(point_errors(RUN, points(FRACTION), drawn()), name)
+    found = spread(PointErrors(RUN, points(FRACTION), drawn()).places(), name)
     exact = ACCEL * INTERVAL_S**1.5 * np.sqrt((FRACTION * (1.0 - FRACTION)) ** 3 / 3.0)
     assert found[[0, -1]].max() < 1e-3 * exact.max()
     np.testing.assert_allclose(found[2:5], exact[2:5], rtol=0.03 + TOLERANCE)
@@ -68,7 +68,7 @@ def test_place_between_exact_keyframes_is_a_clamped_beam(name: str) -> None:
 @pytest.mark.parametrize("name", ["tilt", "heading"])
 def test_attitude_between_exact_keyframes_is_a_bridge(name: str) -> None:
     """N^2 T f (1 - f)."""
-    found = spread(point_errors(RUN, points(FRACTION), drawn()), name)
+    found = spread(PointErrors(RUN, points(FRACTION), drawn()).angles(), name)
     exact = GYRO * np.sqrt(INTERVAL_S * FRACTION * (1.0 - FRACTION))
     np.testing.assert_allclose(found, exact, rtol=TOLERANCE, atol=1e-12)
 
@@ -79,7 +79,7 @@ def test_bridge_is_one_path() -> None:
     both = Points(
         *(np.concatenate([getattr(one, n), getattr(other, n)]) for n in ("keyframe", "fraction", "left", "axle", "arm"))
     )
-    tilt = point_errors(RUN, both, drawn()).tilt
+    tilt = PointErrors(RUN, both, drawn()).angles().tilt
     covariance = np.cov(tilt.T) / (GYRO**2 * INTERVAL_S)
     assert covariance[0, 1] == pytest.approx(0.25 * 0.25, abs=4 * 0.19 / np.sqrt(COUNT))
     assert abs(covariance[0, 2]) < 4 * 0.22 / np.sqrt(COUNT)
@@ -92,7 +92,7 @@ def test_errors_of_the_keyframes_are_carried_by_the_cubic() -> None:
     tangents = np.zeros((KEYFRAMES, KEYFRAME_DIM + SHARED_DIM, COUNT))
     tangents[:, NAV + 3 : NAV + 6] = sd_p * rng.standard_normal((KEYFRAMES, 3, COUNT))
     tangents[:, NAV + 6 : NAV + 9] = sd_v * rng.standard_normal((KEYFRAMES, 3, COUNT))
-    found = point_errors(SILENT, points(FRACTION), drawn(tangents))
+    found = PointErrors(SILENT, points(FRACTION), drawn(tangents)).places()
     f, T = FRACTION, INTERVAL_S
     variance = sd_p**2 * ((1 - 3 * f**2 + 2 * f**3) ** 2 + (3 * f**2 - 2 * f**3) ** 2)
     variance += sd_v**2 * T**2 * ((f - 2 * f**2 + f**3) ** 2 + (f**3 - f**2) ** 2)
@@ -105,7 +105,7 @@ def test_errors_of_the_attitude_are_carried_linearly() -> None:
     sd = 1e-4
     tangents = np.zeros((KEYFRAMES, KEYFRAME_DIM + SHARED_DIM, COUNT))
     tangents[:, NAV : NAV + 3] = sd * rng.standard_normal((KEYFRAMES, 3, COUNT))
-    found = point_errors(SILENT, points(FRACTION), drawn(tangents))
+    found = PointErrors(SILENT, points(FRACTION), drawn(tangents)).angles()
     exact = sd * np.sqrt((1.0 - FRACTION) ** 2 + FRACTION**2)
     np.testing.assert_allclose(spread(found, "heading"), exact, rtol=TOLERANCE)
     # d(sin roll) = cos(roll) d(roll)
@@ -119,7 +119,7 @@ def test_place_below_the_sensor_swings_with_its_attitude() -> None:
     tangents = np.zeros((KEYFRAMES, KEYFRAME_DIM + SHARED_DIM, COUNT))
     ahead = np.array([np.cos(AHEAD), np.sin(AHEAD), 0.0])
     tangents[:, NAV : NAV + 3] = (states().nav.R[0].T @ ahead)[:, None] * roll
-    found = point_errors(SILENT, points(FRACTION, arm=np.array([0.0, 0.0, 2.0])), drawn(tangents))
+    found = PointErrors(SILENT, points(FRACTION, arm=np.array([0.0, 0.0, 2.0])), drawn(tangents)).places()
     # The point is the sensor's place less the arm, and the arm turns: -(phi x 2 up) = 2 phi to the left.
     np.testing.assert_allclose(found.lateral, np.tile(2.0 * roll[:, None], (1, len(FRACTION))), atol=1e-9)
     np.testing.assert_allclose(found.height, 0.0, atol=1e-9)
@@ -147,7 +147,8 @@ def test_turning_the_whole_path_changes_its_lateral_profile_by_a_straight_line_a
     k = np.clip((x / 20.0).astype(int), 0, n - 2)
     left = np.stack([-np.sin(here), np.cos(here), np.zeros(len(x))], axis=1)
     on_curve = Points(k, x / 20.0 - k, left, left, np.zeros((len(x), 3)))
-    lateral = point_errors(SILENT, on_curve, PosteriorErrors.of(curve, samples, np.random.default_rng(0))).lateral[0]
+    errors = PosteriorErrors.of(curve, samples, np.random.default_rng(0))
+    lateral = PointErrors(SILENT, on_curve, errors).places().lateral[0]
     straight = np.polyval(np.polyfit(x, lateral, 1), x)
     assert np.abs(lateral - straight).max() < 2e-5
     assert np.ptp(lateral) == pytest.approx(turned * x[-1], rel=0.02)
