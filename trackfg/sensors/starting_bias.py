@@ -61,7 +61,10 @@ _CURVE_LASTS_S = 10.0
 """A curve or a straight lasts so long, s: yaw rates are as many independent ones as there are such times in a run."""
 
 _MEAN_S = 1.0
-"""Yaw rates are means over this, s: vibration, and the yaw of a body on its springs, are gone."""
+"""Yaw rates and tilts are means over this, s: vibration, and the yaw of a body on its springs, are gone."""
+
+_FEWEST_MEANS = 100
+"""Of tilts there are so many at least, over less time where the run is short."""
 
 _OUTLIER_SIGMAS = 3.0
 """What is further from a straight line is no part of it."""
@@ -152,6 +155,7 @@ class _Across:
     def of(cls, motion: GridMotion, bias: Array, noise: ImuNoise) -> _Across:
         """Return them for a gyro's bias (3,) or (n, 3), rad/s; ``noise`` as declared."""
         step, since = np.gradient(motion.t), motion.t - motion.t[0]
+        size = max(1, min(round(_MEAN_S / median_interval(motion.t)), len(motion.t) // _FEWEST_MEANS))
         error = np.zeros(2)
         for _ in range(_ROUNDS):
             # A pitch that is off makes a turn look like rolling, a roll that is off like pitching downhill.
@@ -160,7 +164,8 @@ class _Across:
             terms = np.stack([np.ones_like(since), since, turned[:, 2]], axis=1)
             off = turned[:, :2] - tilt + error * turned[:, 2:]
             by_gyro_sd = tilt_error_sd_by_gyro(terms, motion.accel, noise)
-            fits = [_drift_and_error(terms, y, noise.accel_bias_sd / STANDARD_GRAVITY, by_gyro_sd) for y in off.T]
+            means, off = _means(terms, size), _means(off, size)
+            fits = [_drift_and_error(means, y, noise.accel_bias_sd / STANDARD_GRAVITY, by_gyro_sd) for y in off.T]
             drift, error, level = np.array(fits).T
         return cls(drift, -STANDARD_GRAVITY * np.append(error, 0.0), STANDARD_GRAVITY * float(level.max()), turned)
 
@@ -238,11 +243,16 @@ def _spans_per_value(terms: Array, rest: Array, size: int) -> float:
 
 def _autocorrelation(x: Array, size: int) -> Array:
     """Return the autocorrelation of means of x (n,) over ``size`` values each, from lag 1 on; 0 where none varies."""
-    count = len(x) // size
-    means = x[: count * size].reshape(count, size).mean(axis=1)
+    means = _means(x, size)
     means -= means.mean()
-    products = np.correlate(means, means, "full")[count - 1 :]
+    products = np.correlate(means, means, "full")[len(means) - 1 :]
     return np.asarray(products[1:] / max(products[0], np.finfo(np.float64).tiny))
+
+
+def _means(x: Array, size: int) -> Array:
+    """Return means of x (n, ...) over ``size`` rows each."""
+    count = len(x) // size
+    return np.asarray(x[: count * size].reshape(count, size, *x.shape[1:]).mean(axis=1))
 
 
 def _without_rests(
@@ -302,8 +312,7 @@ def _shorth(x: Array) -> tuple[float, float]:
 def _yaw_rates(motion: GridMotion, rate: Array) -> Array:
     """Return means of the yaw rate (n,) over a second each, where the vehicle moves or nothing tells its speed."""
     size = max(1, round(_MEAN_S / median_interval(motion.t)))
-    count = len(rate) // size
-    means, speed = (x[: count * size].reshape(count, size).mean(axis=1) for x in (rate, np.abs(motion.speed)))
+    means, speed = _means(rate, size), _means(np.abs(motion.speed), size)
     moving = speed > _STANDING_MPS
     return np.asarray(means[moving] if moving.any() else means)
 
