@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pandas as pd
-from scipy.spatial.transform import Rotation
 
 from trackfg.geometry.versine_bands import with_long_bands
 from trackfg.interchange.exporting.rail_bands import with_rail_bands
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.geodesy import enu_to_geodetic
+from trackfg.numerics.rotations import matrix_from_rpy, quaternion
 from trackfg.results.official_places import line_kilometrage, with_km
 from trackfg.results.result import Result
 
@@ -82,7 +82,8 @@ def travelled_m(trajectory: pd.DataFrame) -> Array:
 
 def quaternions_of(trajectory: pd.DataFrame) -> Array:
     """Return the attitude, body to navigation, as quaternions (n, 4): x, y, z, w."""
-    return np.asarray(Rotation.from_euler("xyz", trajectory[["roll_rad", "pitch_rad", "yaw_rad"]].to_numpy()).as_quat())
+    angles = (trajectory[name].to_numpy() for name in ("roll_rad", "pitch_rad", "yaw_rad"))
+    return np.roll(quaternion(matrix_from_rpy(*angles)), -1, axis=1)
 
 
 def table_of(result: Result, name: str, *, km: bool = False, bands: bool = False) -> pd.DataFrame:

@@ -13,7 +13,6 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from scipy.integrate import simpson
 
 from trackfg.curves import Curve, find_curves
 from trackfg.curves.transition_laws import LAWS, TransitionLaw, rise
@@ -180,6 +179,8 @@ def _headings(element: _Element, x: Array) -> Array:
 
 def _plan(node: Any, elements: list[_Element], place: complex, heading: float) -> None:
     """Write the elements with their ends; LandXML has northing before easting."""
+    from scipy.integrate import simpson  # late: other formats need none of what it imports
+
     for element in elements:
         count = 2 * max(1, int(np.ceil(element.length_m / (2 * _STEP_M)))) + 1
         x = np.linspace(0.0, element.length_m, count)
