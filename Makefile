@@ -58,7 +58,7 @@ types: installed
 	cd build/installed && ../../$(BIN)/mypy --config-file ../../pyproject.toml -p trackfg
 
 layers: installed
-	cd build/installed && ../../$(BIN)/lint-imports --config ../../pyproject.toml --no-logo
+	cd build/installed && ../../$(BIN)/lint-imports ../../pyproject.toml --no-logo
 
 release: $(READY)
 	$(BIN)/python -m pip install --quiet --editable ".[release]"
