@@ -95,6 +95,11 @@ def exists(place: str) -> bool:
         return bool(files.isfile(path))
 
 
+def is_file(place: str) -> bool:
+    """Return whether there is a file that can be read to its end: no folder, pipe or device."""
+    return exists(place) and (is_url(place) or os.path.isfile(place))
+
+
 def read(place: str) -> bytes:
     """Return the content of a file, which is no pipe. Raises ``OSError`` or :class:`PlaceError`."""
     if not is_url(place):
@@ -169,8 +174,14 @@ def new_folder(place: str, head: str) -> Iterator[Path]:
 
 @contextmanager
 def local_files(folder: str, names: Sequence[str]) -> Iterator[Path]:
-    """Give a local folder with files of a place: the place itself where it is local."""
+    """Give a local folder with files of a place: the place itself where it is local.
+
+    Raises :class:`PlaceError` where one is none that can be read: a pipe would be waited for.
+    """
     if not is_url(folder):
+        for name in names:
+            if not is_file(joined(folder, name)):
+                raise PlaceError(f"{joined(folder, name)}: no such file that can be read")
         yield Path(folder)
         return
     with temporary_folder() as scratch:

@@ -22,7 +22,7 @@ from trackfg.fleet.freshness import (
     settings_sha256,
 )
 from trackfg.fleet.known_content import KnownContent, Sight, sight
-from trackfg.fleet.places import PlaceError, content_of, exists, joined, local_recording, read
+from trackfg.fleet.places import PlaceError, content_of, is_file, joined, local_recording, read
 from trackfg.fleet.store import Store
 from trackfg.io.content import content_files, files_sha256, line_sha256
 from trackfg.results.result import RESULT_FOLDER
@@ -114,7 +114,7 @@ def _inputs(result: str, known: KnownContent) -> Inputs | None:
     if (text := known.recall(result)) is not None:
         return Inputs(*json.loads(text))
     seen = sight(result, result, RESULT_FOLDER.files)
-    if not all(exists(joined(result, name)) for name in RESULT_FOLDER.files):
+    if not all(is_file(joined(result, name)) for name in RESULT_FOLDER.files):
         return None
     try:
         page = _page(result)

@@ -146,7 +146,7 @@ def _walking_where_it_changes(evidence: ScaleEvidence, chain: Family, declared: 
 
     ``t`` (n,): times of the keyframes, s.
     """
-    begins = t[chain.slots[0].index]
+    begins, walking = t[chain.slots[0].index], chain.sigma
     shortest = max(_SHORTEST_S, (t[-1] - t[0]) / _PARTS)
     most = evidence.log_likelihood(chain)
     spans = [(0, len(begins))]
@@ -164,8 +164,37 @@ def _walking_where_it_changes(evidence: ScaleEvidence, chain: Family, declared: 
     walks = chain.sigma[:, 1] != declared.sigma[:, 1]
     if walks.all() or not walks.any():
         return chain
+    for forwards in (False, True):
+        chain = _with_its_edges(evidence, chain, walking, begins, shortest, forwards=forwards)
+    walks = chain.sigma[:, 1] != declared.sigma[:, 1]
     wider = [replace(chain, sigma=np.where(walks[:, None], chain.sigma * [1.0, by], chain.sigma)) for by in _WIDER]
     return max((chain, *wider), key=evidence.log_likelihood)
+
+
+def _with_its_edges(
+    evidence: ScaleEvidence, chain: Family, walking: Array, begins: Array, step_s: float, *, forwards: bool
+) -> Family:
+    """Return the chain with a scale that walks beyond the ends of each span in which it does, step by step, as long as
+    one that is constant there is not clearly likelier. ``walking`` (m, 2): sigmas with which it walks.
+
+    A change close to an end of a span that was found constant is taken up by the walk beyond it.
+    """
+    walks = chain.sigma[:, 1] == walking[:, 1]
+    edges = np.flatnonzero(walks[:-1] & ~walks[1:]) + 1 if forwards else np.flatnonzero(~walks[:-1] & walks[1:]) + 1
+    for edge in edges.tolist():
+        least, reach = evidence.log_likelihood(chain) - CLEARLY, edge
+        while 0 < reach < len(begins):
+            if forwards:
+                reach = int(np.searchsorted(begins, begins[reach] + step_s))
+            else:
+                reach = int(np.searchsorted(begins, begins[reach] - step_s))
+            sigma = chain.sigma.copy()
+            sigma[min(edge, reach) : max(edge, reach)] = walking[min(edge, reach) : max(edge, reach)]
+            trial = replace(chain, sigma=sigma)
+            if evidence.log_likelihood(trial) < least:
+                break
+            chain = trial
+    return chain
 
 
 def _with_fixes_again(problem: Problem, states: States) -> Problem:

@@ -21,6 +21,7 @@ from trackfg.fleet.batch import Limits, run_batch
 from trackfg.fleet.catalogue import Run, read_catalogue
 from trackfg.fleet.isolated_run import Outcome
 from trackfg.fleet.known_content import KnownContent
+from trackfg.fleet.places import PlaceError, local_files
 from trackfg.fleet.planning import PlannedRun, plan
 from trackfg.fleet.store import Store, is_store
 
@@ -143,6 +144,24 @@ def test_a_result_that_lost_a_file_is_computed_again(fleet: Fleet, stand_in: Sta
     assert fleet.why()["a"] != ""
     fleet.run()
     assert fleet.why()["a"] == ""
+
+
+@pytest.mark.skipif(os.name != "posix", reason="pipes with names are made")
+def test_a_pipe_in_the_place_of_a_file_is_not_waited_for(fleet: Fleet, stand_in: StandIn) -> None:
+    stand_in.recording("a")
+    fleet.write("recordings/a,7,,a")
+    fleet.run()
+    path = fleet.folder / "store/results/a/geometry.parquet"
+    path.unlink()
+    os.mkfifo(path)
+    with (
+        pytest.raises(PlaceError, match=r"geometry\.parquet: no such file that can be read"),
+        local_files(str(path.parent), [path.name]),
+    ):
+        pass
+    assert fleet.why() == {"a": "no result yet"}
+    fleet.run()
+    assert fleet.why() == {"a": ""}
 
 
 def test_a_summary_of_absurd_depth_is_none(fleet: Fleet, stand_in: StandIn) -> None:

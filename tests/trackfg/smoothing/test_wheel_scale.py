@@ -31,13 +31,13 @@ def constant(run: Simulation) -> SmoothedStates:
     return smooth_states(run.recording, SmoothConfig())
 
 
-def with_jump(recording: Recording, at_s: float) -> Recording:
-    """The wheel rolls 1 % more per turn until a time: it counts as much less, in whole pulses still."""
+def with_jump(recording: Recording, at_s: float, jump: float = JUMP) -> Recording:
+    """The wheel rolls as much more per turn until a time: it counts as much less, in whole pulses still."""
     assert recording.tach is not None
     t, distance = recording.tach["t_s"].to_numpy(), recording.tach["distance_m"].to_numpy()
     at = np.interp(at_s, t, distance)
     pulse = np.min(np.diff(np.unique(distance)))
-    rolled = np.where(distance > at, distance, at + (distance - at) * (1.0 - JUMP))
+    rolled = np.where(distance > at, distance, at + (distance - at) * (1.0 - jump))
     return replace(recording, tach=pd.DataFrame({"t_s": t, "distance_m": pulse * np.round(rolled / pulse)}))
 
 
@@ -129,6 +129,18 @@ def test_another_wheel_is_noticed_and_allowed_for(run: Simulation) -> None:
     walks = begins[chain.sigma[:, 1] > 2.0 * declared.sigma[:, 1]]
     assert walks.min() < 90.0 < walks.max() + 2.0
     assert np.ptp(walks) < 60.0  # it changes at one time, and is a constant before and after
+
+
+def test_a_scale_that_jumps_between_fixes_far_apart_walks_where_it_does(simulated: Callable[..., Simulation]) -> None:
+    """The span up to 200 s, in which it jumps at 185 s, is likelier with a constant scale, as the walk from there on
+    takes the jump up.
+    """
+    run = simulated("mainline", seed=8, duration_s=400.0)
+    recording = replace(with_jump(run.recording, 185.3, 0.005), fixes=with_fixes(run, [77.5, 289.6, 386.6]))
+    smoothed = smooth_states(recording, SmoothConfig())
+    trajectory = smoothed.trajectory
+    error = trajectory["chainage_m"] - np.interp(trajectory["t_s"], run.truth["t_s"], run.truth["chainage_m"])
+    assert (error.abs() < 3.0 * trajectory["chainage_m_sd"]).mean() > 0.98
 
 
 def test_fixes_that_a_creeping_wheel_explains_are_used_again(run: Simulation) -> None:
