@@ -22,7 +22,7 @@ _FAILED = 1
 """Exit status where a run failed."""
 
 _NAMED = 100
-"""Failures that are named at the terminal: more than anyone reads, and as many lines as a screen takes at once."""
+"""Failures that are named at the terminal, more than anyone reads: of a wrong path in a catalogue each run fails."""
 
 
 @dataclass(frozen=True)

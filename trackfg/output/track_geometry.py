@@ -189,13 +189,13 @@ class _Columns:
     def _drawn(self, rows: slice) -> tuple[Shapes, Shapes]:
         """Draw samples of the errors of some rows: those of the motion, and the white noise of displacement sensors."""
         views, step = self.profile.views, rows.step * self.meaning.step_m
-        drawn = [PointErrors(self.run, view.points[rows], self.errors) for view in views]
-        moved = [errors.places() for errors in drawn]
         if views[0].side is None:
-            (place,), (errors,) = moved, drawn
-            angle, nothing = errors.angles(), np.zeros_like(place.height)
+            errors = PointErrors(self.run, views[0].points[rows], self.errors)
+            place, angle = errors.places(), errors.angles()
+            nothing = np.zeros_like(place.height)
             motion = Shapes(place.height, place.lateral, angle.tilt, angle.heading)
             return motion, Shapes(nothing, nothing, nothing, nothing)
+        moved = [PointErrors(self.run, view.points[rows], self.errors).places() for view in views]
 
         def rails(heights: list[Array], laterals: list[Array]) -> Shapes:
             sides = {
