@@ -2,7 +2,8 @@
 
 A batch writes its file as runs end, and every :data:`ALIVE_S` at least; it removes the file when it ends. The file of
 a batch that was killed stays behind, and is removed by a later batch: the age of its file shows whether a batch
-is still running, since the store may be at a URL and the batch on another machine.
+is still running, since the store may be at a URL and the batch on another machine. A file that is read while it is
+written, or whose batch was killed then, says nothing. A later batch removes that, too; one that runs writes it again.
 """
 
 from __future__ import annotations
@@ -14,10 +15,11 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass
+from pathlib import Path
 
 from trackfg.errors import TrackfgError
 from trackfg.files.small_file import json_of
-from trackfg.fleet.places import joined, matching, read, remove, write
+from trackfg.fleet.places import is_url, joined, matching, read, remove, write
 
 _FOLDER = "progress"
 
@@ -74,12 +76,12 @@ def shown_progress(store: str, runs: int) -> Iterator[Callable[[int, int], None]
         written = time.monotonic()
         state = BatchState(name, began, time.time(), runs, done, failed)
         with suppress(*_FAULTS):
-            write(place, json.dumps(asdict(state)).encode() + b"\n")
+            _write(place, json.dumps(asdict(state)).encode() + b"\n")
 
-    for other in batch_states(store):
-        if other.lost(began):
+    for other, state in _states(store):
+        if state is None or state.lost(began):
             with suppress(*_FAULTS):
-                remove(joined(store, _FOLDER, f"{other.name}.json"))
+                remove(other)
     show(0, 0)
     try:
         yield show
@@ -90,9 +92,26 @@ def shown_progress(store: str, runs: int) -> Iterator[Callable[[int, int], None]
 
 def batch_states(store: str) -> list[BatchState]:
     """Return the progress of each batch that has a file in a store, that of lost ones too."""
-    states = []
+    return [state for _, state in _states(store) if state is not None]
+
+
+def _states(store: str) -> Iterator[tuple[str, BatchState | None]]:
+    """Yield each file of a batch's progress and what it says; None where that is nothing."""
+    paths: list[str] = []
     with suppress(*_FAULTS):
-        for path in matching(joined(store, _FOLDER), "*.json"):
-            with suppress(*_FAULTS, ValueError, TypeError):
-                states.append(BatchState(**json_of(read(joined(store, _FOLDER, path)))))
-    return states
+        paths = matching(joined(store, _FOLDER), "*.json")
+    for place in (joined(store, _FOLDER, path) for path in paths):
+        state = None
+        with suppress(*_FAULTS, ValueError, TypeError):
+            state = BatchState(**json_of(read(place)))
+        yield place, state
+
+
+def _write(place: str, content: bytes) -> None:
+    """Write a file where it is to be: what a batch that is killed left beside it, no other batch would replace."""
+    if is_url(place):
+        write(place, content)
+        return
+    path = Path(place)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_bytes(content)

@@ -205,6 +205,16 @@ def test_a_killed_batch_is_told_from_a_running_one(tmp_path: Path) -> None:
     assert batch_states(store.place) == []
 
 
+def test_a_batch_clears_away_what_a_killed_one_had_begun_to_write(store: Store) -> None:
+    folder = Path(store.place) / "progress"
+    folder.mkdir(exist_ok=True)
+    (folder / "elsewhere-7.json").write_text('{"name": "elsewhere-7", "beg')
+    assert batch_states(store.place) == []
+    with shown_progress(store.place, 1):
+        assert [path.name for path in folder.iterdir()] == [f"{batch_states(store.place)[0].name}.json"]
+    assert list(folder.iterdir()) == []
+
+
 def asked(address: str, path: str, *, method: str = "GET", host: str | None = None) -> http.client.HTTPResponse:
     connection = http.client.HTTPConnection(address.removeprefix("http://").rstrip("/"), timeout=1e-3 * WAIT_MS)
     connection.request(method, path, headers={} if host is None else {"Host": host})
