@@ -321,6 +321,15 @@ def test_miles_inches_and_a_gap_are_what_they_are(tmp_path):
     np.testing.assert_allclose(geometry["gauge_mm"][~inside], 1435.1)
 
 
+@pytest.mark.parametrize("places", [[12_000.0], [12_000.0, 12_000.0], [12_000.05, 12_000.3]])
+def test_a_single_place_is_no_profile(places: list[float], tmp_path: Path) -> None:
+    """One, one that is written twice, and two that have one place of the grid between them."""
+    ones = np.ones(len(places))
+    table = pd.DataFrame({"chainage_m": places, "level_left_mm": ones, "level_right_mm": ones})
+    with pytest.raises(BadInputError, match=r"run\.csv: 1 different places; expected a profile"):
+        measured(written(tmp_path / "run.csv", table))
+
+
 def test_rows_that_are_written_twice_count_once_and_other_repetitions_are_refused(tmp_path):
     x = 0.25 * np.array([*range(50), 49, *range(50, 100)])
     twice = {"Chainage (m)": x, "Left level (mm)": np.sin(x), "Crosslevel (mm)": np.cos(x)}

@@ -16,7 +16,7 @@ import pandas as pd
 from trackfg.errors import BadInputError
 from trackfg.geometry.twist import twist
 from trackfg.geometry.versines import versine
-from trackfg.interchange.importing.channels.places import places_of
+from trackfg.interchange.importing.channels.places import places_of, refuse_single
 from trackfg.interchange.importing.channels.straight_offset import straight_offset
 from trackfg.interchange.importing.channels.twist_base import identified_base
 from trackfg.interchange.importing.geometry_reading import GeometryReading
@@ -59,6 +59,7 @@ def measured_result(table: SourceTable, reading: GeometryReading, run_id: str) -
     if not np.isfinite(raw).any():
         raise BadInputError(f"{table.name}: the channels {', '.join(names)} are empty; expected values")
     chainage, values, step = places.on_grid(raw[:, places.rows], reading.step_m)
+    refuse_single(table, chainage)
     columns = dict(zip(names, values, strict=True))
     if reading.facing == "travel" and places.direction == -1:
         columns = _turned(columns)

@@ -72,6 +72,12 @@ class Places:
         return every, out, step
 
 
+def refuse_single(table: SourceTable, places: Array) -> None:
+    """Raise :class:`BadInputError` where there are fewer than two places (n,)."""
+    if len(places) < 2:
+        raise BadInputError(f"{table.name}: {len(places)} different places; expected a profile")
+
+
 def places_of(table: SourceTable, reading: GeometryReading) -> Places:
     """Read the places of a table. Raises :class:`BadInputError` with the row that has none, or that turns back."""
     chainage = read_stations(table, reading.place, reading.chainage_unit)
@@ -80,12 +86,12 @@ def places_of(table: SourceTable, reading: GeometryReading) -> Places:
     if missing.any():
         row = table.first_row + int(np.argmax(missing))
         raise BadInputError(f"{table.name}: column {what}, row {row}: is empty; expected a place in every row")
-    if len(chainage) < 2:
-        raise BadInputError(f"{table.name}: {len(chainage)} rows; expected a profile")
+    refuse_single(table, chainage)
     if not isinstance(reading.place, str):
         chainage = _along_the_track(chainage, *(table.numbers(name) for name in reading.place))
     rows = np.flatnonzero(~_repeated(table, chainage))
     chainage = chainage[rows]
+    refuse_single(table, chainage)
     apart = np.diff(chainage)
     if 0.0 < (usual := float(np.median(np.abs(apart)))) < _LEAST_STEP_M:
         raise BadInputError(
