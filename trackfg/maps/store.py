@@ -142,8 +142,8 @@ def read_versions(location: str | os.PathLike[str]) -> pd.DataFrame:
             sa.select(*heads, runs, schema.versions.c.software).order_by(schema.versions.c.version)
         ).all()
     table = pd.DataFrame(rows, columns=["version", "parent", "written_at", "name", "runs", "software"])
-    table["parent"] = table["parent"].astype("Int64")
     try:
+        table["parent"] = table["parent"].astype("Int64")
         table["trackfg"] = [_object("software", text).get("trackfg", "") for text in table.pop("software")]
     except _DAMAGE as error:
         raise BadInputError(f"{place.shown}: its table of versions is damaged: {printable(str(error))}") from error

@@ -422,11 +422,17 @@ def test_refuses_a_damaged_map(make_map: MakeMap, tmp_path: Path, statement: str
     assert str(path) in str(caught.value)
 
 
-@pytest.mark.parametrize("software", ["[]", "{", "7", "[" * 100000])
-def test_a_damaged_list_of_versions(make_map: MakeMap, tmp_path: Path, software: str) -> None:
+@pytest.mark.parametrize(
+    "damage",
+    [
+        *(f"software = '{text}'" for text in ("[]", "{", "7", "[" * 100000)),
+        *(f"parent = {value}" for value in ("9e999", "0.5", "'x'")),
+    ],
+)
+def test_a_damaged_list_of_versions(make_map: MakeMap, tmp_path: Path, damage: str) -> None:
     path = tmp_path / "line.gpkg"
     write_map(make_map(cells=41), path, parent=None)
-    sqlite(path, f"UPDATE map_versions SET software = '{software}'")
+    sqlite(path, f"UPDATE map_versions SET {damage}")
     with pytest.raises(BadInputError, match="table of versions is damaged"):
         read_versions(path)
 
