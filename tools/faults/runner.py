@@ -77,9 +77,7 @@ class Running:
         self.conditions = conditions
         self._requests, self._has_ended = requests, threading.Event()
         self._unanswered: str | None = None
-        self._texts = [Path(tempfile.mkstemp(prefix=name, dir=folder.parent)[1]) for name in ("out-", "err-")]
-        for path in self._texts:
-            path.chmod(0o666)
+        self._texts = [_new_file(folder.parent, prefix) for prefix in ("out-", "err-")]
         self._start = time.monotonic()
         self._child = os.fork()
         if self._child == 0:
@@ -136,6 +134,15 @@ def run(
 ) -> End:
     """Run ``trackfg command`` in a folder and wait for its end."""
     return Running(command, folder, conditions, stdin, requests).end()
+
+
+def _new_file(folder: Path, prefix: str) -> Path:
+    """Make a file that any user may write."""
+    descriptor, name = tempfile.mkstemp(prefix=prefix, dir=folder)
+    os.close(descriptor)
+    path = Path(name)
+    path.chmod(0o666)
+    return path
 
 
 def _processor_time_s(process: int) -> float:
