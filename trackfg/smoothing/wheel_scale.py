@@ -184,12 +184,11 @@ def _with_its_edges(
     for edge in edges.tolist():
         least, reach = evidence.log_likelihood(chain) - CLEARLY, edge
         while 0 < reach < len(begins):
-            if forwards:
-                reach = int(np.searchsorted(begins, begins[reach] + step_s))
-            else:
-                reach = int(np.searchsorted(begins, begins[reach] - step_s))
+            further = int(np.searchsorted(begins, begins[reach] + (step_s if forwards else -step_s)))
+            reach = further if forwards else min(further, reach - 1)  # one interval may be longer than a step
+            rows = slice(min(edge, reach), max(edge, reach))
             sigma = chain.sigma.copy()
-            sigma[min(edge, reach) : max(edge, reach)] = walking[min(edge, reach) : max(edge, reach)]
+            sigma[rows] = walking[rows]
             trial = replace(chain, sigma=sigma)
             if evidence.log_likelihood(trial) < least:
                 break

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
@@ -16,7 +17,7 @@ from trackfg.factors.family import changed
 from trackfg.recording.description import Tach
 from trackfg.recording.model import Recording
 from trackfg.smoothing.smoother import SmoothedStates, smooth_states
-from trackfg.smoothing.wheel_scale import wheel_scale
+from trackfg.smoothing.wheel_scale import _with_its_edges, wheel_scale
 
 JUMP = 0.01
 
@@ -141,6 +142,26 @@ def test_a_scale_that_jumps_between_fixes_far_apart_walks_where_it_does(simulate
     trajectory = smoothed.trajectory
     error = trajectory["chainage_m"] - np.interp(trajectory["t_s"], run.truth["t_s"], run.truth["chainage_m"])
     assert (error.abs() < 3.0 * trajectory["chainage_m_sd"]).mean() > 0.98
+
+
+@pytest.mark.parametrize("forwards", [False, True])
+def test_spans_grow_over_intervals_longer_than_a_step(constant: SmoothedStates, *, forwards: bool) -> None:
+    """At a rest keyframes may be further apart than spans grow at a time: where nothing is likelier, all walks."""
+    chain = constant.problem.family(FactorType.DISTANCE_CHAIN)
+    assert chain is not None
+    begins, walking = 30.0 * np.arange(len(chain)), 10.0 * chain.sigma
+    sigma = chain.sigma.copy()
+    sigma[50:60] = walking[50:60]
+    grown = _with_its_edges(
+        SimpleNamespace(log_likelihood=lambda _: 0.0),
+        replace(chain, sigma=sigma),
+        walking,
+        begins,
+        10.0,
+        forwards=forwards,
+    )
+    own = slice(50, None) if forwards else slice(None, 60)
+    np.testing.assert_array_equal(grown.sigma[own], walking[own])
 
 
 def test_fixes_that_a_creeping_wheel_explains_are_used_again(run: Simulation) -> None:
