@@ -13,8 +13,8 @@ from pathlib import Path
 from typing import Any
 
 from trackfg.errors import BadInputError
-from trackfg.files.libraries import library
 from trackfg.files.small_file import read_small
+from trackfg.files.xml_file import xml_root
 
 NAMESPACES = {
     **{f"http://www.landxml.org/schema/LandXML-{version}": version for version in ("1.1", "1.2", "2.0")},
@@ -135,17 +135,7 @@ def open_landxml(path: Path | str) -> Node:
             wish = f"expected at most {_MOST_BYTES // 2**20} MiB: leave out surfaces and points"
             raise BadInputError(f"{path}: it has {path.stat().st_size / 2**20:.0f} MiB: {wish}") from error
         raise BadInputError(f"{path}: cannot be read: {error.strerror}: expected a LandXML file") from error
-    etree = library("lxml.etree", "xml")
-    parser = etree.XMLParser(
-        resolve_entities=False, load_dtd=False, no_network=True, dtd_validation=False, huge_tree=False,
-        remove_comments=True, remove_pis=True,
-    )  # fmt: skip
-    try:
-        root = etree.fromstring(content, parser)
-    except etree.XMLSyntaxError as error:
-        raise BadInputError(f"{path}: not well-formed XML: {error.msg}: expected a LandXML file") from error
-    if root.getroottree().docinfo.doctype:
-        raise BadInputError(f"{path}: has a document type (DOCTYPE), which may define entities: remove it")
+    root = xml_root(content, path, "a LandXML file")
     namespace, name = _name(root)
     if name != "LandXML" or namespace not in NAMESPACES:
         wish = f"expected LandXML of namespace {', '.join(NAMESPACES)}"

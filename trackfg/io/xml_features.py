@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 
 from trackfg.errors import BadInputError
-from trackfg.files.libraries import library
 from trackfg.files.small_file import read_small
+from trackfg.files.xml_file import xml_root
 from trackfg.numerics.arrays import Array
 
 XML_SUFFIXES = (".kml", ".kmz", ".gpx")
@@ -50,16 +50,7 @@ def _root(path: Path) -> Any:
         raise BadInputError(f"{path}: cannot be read: {error.strerror}: expected a {path.suffix} file") from error
     except (zipfile.BadZipFile, ValueError, RuntimeError, EOFError, zlib.error) as error:
         raise BadInputError(f"{path}: cannot be unpacked: {error}: expected a zip with a .kml file") from error
-    etree = library("lxml.etree", "xml")
-    parser = etree.XMLParser(
-        resolve_entities=False, load_dtd=False, no_network=True, huge_tree=False, remove_comments=True, remove_pis=True
-    )
-    try:
-        root = etree.fromstring(content, parser)
-    except etree.XMLSyntaxError as error:
-        raise BadInputError(f"{path}: not well-formed XML: {error.msg}: expected a {path.suffix} file") from error
-    if root.getroottree().docinfo.doctype:
-        raise BadInputError(f"{path}: has a document type (DOCTYPE), which may define entities: remove it")
+    root = xml_root(content, path, f"a {path.suffix} file")
     if _tag(root) not in ("kml", "gpx"):
         raise BadInputError(f"{path}: its root is {_tag(root)}: expected kml or gpx")
     return root
