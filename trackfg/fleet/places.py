@@ -97,7 +97,7 @@ def exists(place: str) -> bool:
 
 def is_file(place: str) -> bool:
     """Return whether there is a file that can be read to its end: no folder, pipe or device."""
-    return exists(place) and (is_url(place) or os.path.isfile(place))
+    return exists(place) if is_url(place) else os.path.isfile(place)
 
 
 def read(place: str) -> bytes:

@@ -30,8 +30,8 @@ def in_recorded_units(
 ) -> tuple[Columns, dict[str, Any]]:
     """Return columns in units that a recording knows, and the keys of the description with these.
 
-    Increments of an IMU become rates over the interval before them; pulses and distances of a counter that starts
-    again, or that are those of each row, such of one that goes on; turns of a wheel its speed. Raises
+    Increments of an IMU become rates over the interval before them, and turns of a wheel its speed. Pulses and
+    distances that begin again, or that are each row's own, become those of a counter that goes on. Raises
     :class:`BadInputError` for an unknown unit.
     """
     columns, keys = dict(columns), dict(keys)

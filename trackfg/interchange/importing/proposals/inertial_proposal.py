@@ -90,7 +90,7 @@ def _same_rows(gyro: Triple, accel: Triple) -> bool:
 
 
 def _unit(proposal: Proposal, triple: Triple, key: str, ask: Ask) -> str:
-    """Return the unit of three columns: for now a likely one where the source does not state it, asked without any."""
+    """Return the unit of three columns: without a stated one a likely one, named as assumed, or the answer."""
     if triple.known:
         return triple.unit
     text = f"Unit of {', '.join(triple.columns)}"

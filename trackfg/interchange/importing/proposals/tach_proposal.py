@@ -92,7 +92,7 @@ def _is_wheels(table: SourceTable, name: str, imu: str | list[str], ask: Ask) ->
 
 
 def _unit_of(proposal: Proposal, table: SourceTable, name: str, quantity: Literal["speed", "length"], ask: Ask) -> str:
-    """Return the unit that a tach's column states; a usual one for now without any. An unknown one is asked."""
+    """Return the unit that a tach's column states, or a usual one, named as assumed. An unknown one is asked."""
     stated, usual = table.units.get(name, ""), {"speed": "m/s", "length": "m"}[quantity]
     unit = unit_in(stated or name, quantity)
     if unit is not None:
