@@ -15,6 +15,8 @@ from trackfg.recording.findings import Finding, Level
 
 LARGEST = 1e12
 """In any unit that a column may have; times are in s here."""
+SMALLEST_SIGMA_M = 1e-9
+"""No place is known to a nanometre. The square of its reciprocal, a weight, is far from any limit of a number."""
 
 
 @dataclass(frozen=True)
@@ -110,9 +112,13 @@ def gaps(t: Array, place: ColumnPlace, warning_s: float, error_s: float | None) 
 
 
 def not_positive(sd: Array, place: ColumnPlace) -> list[Finding]:
-    """Sigmas that are zero or negative."""
+    """Sigmas that are zero or negative, or too small for any place; one finding for each kind."""
     hint = "write the 1-sigma error in m"
-    return _at_first(sd <= 0, place, "bad-sigma", "a sigma that is zero or negative", "a number above 0", hint, sd)
+    tiny, expected = (sd > 0) & (sd < SMALLEST_SIGMA_M), f"{SMALLEST_SIGMA_M:g} m or more"
+    return [
+        *_at_first(sd <= 0, place, "bad-sigma", "a sigma that is zero or negative", "a number above 0", hint, sd),
+        *_at_first(tiny, place, "bad-sigma", "a sigma that no place has", expected, hint, sd),
+    ]
 
 
 def falling(distance: Array, place: ColumnPlace) -> list[Finding]:

@@ -266,6 +266,7 @@ def _first_pass(
     for attempt in range(3):
         rests = np.zeros((0, 2)) if speedless else find_standstills(recording, config.motion.min_rest_s)
         rests = data.edges[nearest(data.edges, rests.ravel())].reshape(-1, 2)
+        rests = rests[rests[:, 1] > rests[:, 0]]  # a tach may go on after the inertial sensor
         wheel = None if wheel is None else wheel.standing(rests)
         rolled = found.wheel.standing(rests) if found is not None else wheel or guide
         path = initial_path(recording, data, rolled, rests, world.earth_rate, world.start_yaw)

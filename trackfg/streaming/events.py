@@ -25,7 +25,7 @@ LOSS_KINDS = {
     "late": "came after the stream had passed their time; a longer hold keeps them",
     "clock-jump": "times that neither fit the clock nor made a new one",
     "buffer-full": "more rows than are kept waiting for the IMU",
-    "bad-sigma": "a sigma that is zero or negative",
+    "bad-sigma": "a sigma that is zero, negative or below 1e-9 m",
     "position-range": "no such position on the Earth",
     "tach-jump": "the tach runs faster than 170 m/s, or backwards although it is declared unsigned",
     "stuck-channel": "shows one value again and again: stuck, or at the end of its range",

@@ -159,6 +159,16 @@ def test_too_short_a_record_is_refused(run: Simulation, samples: int) -> None:
         problem_of(replace(run.recording, imu=run.recording.imu.iloc[:samples]))
 
 
+def test_rests_after_the_inertial_record_are_left_out(simulated: Callable[..., Simulation]) -> None:
+    """Of a tach whose clock goes 60 times as fast from the second minute on, half the stops are after the record."""
+    recording = simulated("shunting", seed=1, duration_s=200.0).recording
+    assert recording.tach is not None
+    t = recording.tach["t_s"].to_numpy(copy=True)
+    t[t > 60.0] = 60.0 + 60.0 * (t[t > 60.0] - 60.0)
+    problem = problem_of(replace(recording, tach=recording.tach.assign(t_s=t)))
+    assert (np.diff(problem.rests, axis=1) > 0.0).all()
+
+
 def test_positions_outside_the_record_are_left_out(run: Simulation) -> None:
     assert run.recording.gnss is not None
     gnss = run.recording.gnss.copy()

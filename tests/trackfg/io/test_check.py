@@ -205,6 +205,9 @@ BROKEN: dict[str, tuple[Spoil, str, list[str]]] = {
     "zero sigma of a fix": (
         put("fixes", 2, "sd_m", 0.0), "bad-sigma",
         ["fixes.csv, column 'sd_m', data row 2", "0: a sigma that is zero or negative", "above 0"]),
+    "sigma of a fix below any number's square": (
+        put("fixes", 2, "sd_m", 5e-324), "bad-sigma",
+        ["fixes.csv, column 'sd_m', data row 2", "a sigma that no place has", "1e-09 m or more"]),
     "negative sigma of GNSS": (
         put("gnss", 9, "sd_n", -1.0), "bad-sigma", ["gnss.csv, column 'sd_n', data row 9 (t = 8 s): -1"]),
     "zero noise density": (

@@ -1,4 +1,4 @@
-"""Row checks: sigmas above zero, and steps of the tach that a wheel can make.
+"""Row checks: sigmas that a place can have, and steps of the tach that a wheel can make.
 
 A counter that starts again, or loses its place, makes one impossible step and is sound afterwards. Rows after such a
 step are refused until ``RESET_ROWS`` in succession agree. Later counts are then added to the last value before the
@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from trackfg.checks.columns import SMALLEST_SIGMA_M
 from trackfg.checks.limits import CheckLimits
 from trackfg.numerics.arrays import Array
 from trackfg.recording.description import RecordingDescription
@@ -49,7 +50,7 @@ class RowChecks:
         out = dict(tables)
         for name, sigmas in _SIGMAS.items():
             if name in out:
-                wrong = (out[name][:, sigmas] <= 0.0).any(axis=1)
+                wrong = (out[name][:, sigmas] < SMALLEST_SIGMA_M).any(axis=1)
                 report.lose("bad-sigma", name, out[name][wrong, 0])
                 out[name] = out[name][~wrong]
         if "tach" in out and out["tach"].shape[0]:
