@@ -44,6 +44,10 @@ _END_ERROR = 0.02
 here."""
 
 
+_FADED = 10.0
+"""So many times beyond its ends a band has faded, to 1e-8 of its amplitude."""
+
+
 @dataclass(frozen=True)
 class Band:
     """Wavelengths from ``shortest_m`` to ``longest_m``. Raises ``BadInputError`` unless ``0 < shortest < longest``."""
@@ -91,6 +95,17 @@ def band_response(wavelength_m: ArrayLike, band: Band) -> Array:
     safe = np.where(W == 0.0, 1.0, W)
     detuning = (safe * safe - low * high) / (safe * (high - low))
     return np.asarray(np.where(W == 0.0, 0.0, 1.0 / (1.0 + detuning**8)))
+
+
+@lru_cache(maxsize=32)
+def band_variance(band: Band, order: int) -> float:
+    """Return the integral of ``(G / W^order)^2`` over the wave numbers ``W``, rad/m.
+
+    It is the variance in a band of a profile whose derivative of that order is white, over the density of that.
+    """
+    lengths = np.geomspace(band.longest_m * _FADED, band.shortest_m / _FADED, 4001)
+    W = wave_number(lengths)
+    return float(np.trapezoid((band_response(lengths, band) / W**order) ** 2, W))
 
 
 def realised_band_response(wavelength_m: ArrayLike, step_m: float, band: Band) -> Array:

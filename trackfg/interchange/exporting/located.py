@@ -99,7 +99,8 @@ def table_of(result: Result, name: str, *, km: bool = False, bands: bool = False
     if name == "geometry":
         table, meaning = located_geometry(result), result.summary.geometry
         if bands and result.summary.solver is not None and len(table):
-            table = with_rail_bands(with_long_bands(table, meaning.step_m, meaning.chord_m), meaning.step_m)
+            table = with_long_bands(table, meaning.step_m, meaning.chord_m)
+            table = with_rail_bands(table, meaning.step_m, meaning.twist_base_m)
     else:
         table = located_trajectory(result) if name == "trajectory" else result.events
     return with_km(_dated(table, start_of(result)), kilometrage)

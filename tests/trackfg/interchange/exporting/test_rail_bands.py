@@ -11,7 +11,7 @@ from trackfg.geometry.versine_bands import with_long_bands
 from trackfg.geometry.versines import versine
 from trackfg.interchange.exporting.rail_bands import with_rail_bands
 
-STEP, CHORD = 0.25, 10.0
+STEP, CHORD, BASE = 0.25, 10.0, 3.0
 
 
 @pytest.mark.parametrize(("quantity", "apart"), [("level", "cross_level_mm"), ("alignment", "gauge_mm")])
@@ -34,7 +34,7 @@ def test_a_rail_s_bands_are_those_of_its_profile(quantity: str, apart: str) -> N
     for name in ("level", "alignment"):
         geometry[f"versine_{name}_mm"] = versine(centre, STEP, CHORD / 2.0, CHORD / 2.0)
 
-    table = with_rail_bands(with_long_bands(geometry, STEP, CHORD), STEP)
+    table = with_rail_bands(with_long_bands(geometry, STEP, CHORD), STEP, BASE)
 
     for side, profile in (("left", left), ("right", right)):
         for key in ("D1", "D2", "D3"):
@@ -49,6 +49,6 @@ def test_a_rail_that_was_measured_by_itself_keeps_its_band() -> None:
     flat = pd.DataFrame(
         dict.fromkeys(("level_mm", "alignment_mm", "cross_level_mm", "level_left_mm", "level_right_mm"), 0.0 * x)
     )
-    table = with_rail_bands(flat.assign(chainage_m=x), STEP)
+    table = with_rail_bands(flat.assign(chainage_m=x), STEP, BASE)
     assert "level_left_d1_mm" not in table
     assert not [name for name in table if name.startswith("alignment_left")]  # without a gauge
