@@ -13,6 +13,7 @@ a cant ramp have such a spectrum, too, but few blocks have one: the median over 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -62,47 +63,58 @@ class Shaking:
     up: float
 
 
-_NOTHING = Shaking(np.nan, np.nan, np.nan)
-
-
-def shaking(data: Intervals, t: Array, speed: Array, roll_wave_m: float = SHORTEST_WAVE_M) -> tuple[Shaking, Shaking]:
-    """Return the shaking at rest and in motion of a vehicle of ``speed`` (n,), m/s, at times ``t`` (n,), s.
-
-    In motion it is what is seen on waves below :data:`SHORTEST_WAVE_M`, and the roll that on waves up to
-    ``roll_wave_m``, as far as it is vibration of 5 Hz or more.
+class Blocks(NamedTuple):
+    """Spectra of blocks of a record: the ``speed`` (b,), m/s, the frequency (b,), Hz, from which on a block ``shows``
+    vibration, and the ``variance`` (b, 3) of roll, rad^2, across and up, m^2, there.
     """
-    step = median_interval(data.edges)
-    length = 2 ** round(np.log2(_BLOCK_S / step))
-    if len(data) < 2 * length:
-        return _NOTHING, _NOTHING
-    starts = np.arange(0, len(data) - length, length // 2)
-    speeds = np.abs(np.interp(data.edges[starts + length // 2], t, speed))
-    channels = np.column_stack([data.gyro[:, 0], data.accel[:, 1:]])
-    window = np.hanning(length + 1)[:-1]
-    f = np.fft.rfftfreq(length, step)
-    seen_from = np.maximum(speeds / SHORTEST_WAVE_M, _LEAST_HZ)
-    variance = np.empty((len(starts), 3))
-    for block, start in enumerate(starts):
-        samples = channels[start : start + length]
-        lines = np.fft.rfft((samples - samples.mean(axis=0)) * window[:, None], axis=0)
-        power = 2.0 * np.abs(lines) ** 2 / (length * np.sum(window**2))
-        floor = np.exp(np.mean(np.log(np.maximum(power[f > 0.5 * f[-1]], 1e-30)), axis=0) + EULER)
-        fast = f > seen_from[block]
-        over = (power - floor)[fast] / (2.0 * np.pi * f[fast, None]) ** [2.0, 4.0, 4.0]
-        variance[block] = over.sum(axis=0)
-    resting, moving = speeds < _AT_REST_MPS, speeds > _IN_MOTION_MPS
-    in_motion = _rms(variance[moving])
-    if moving.any():
-        hidden_from = np.clip(speeds / roll_wave_m, _EVEN_FROM_HZ, seen_from)
-        density = _lasting(variance[moving, 0] * seen_from[moving] ** 3 / speeds[moving] ** 2)
-        longer = np.sqrt(density * np.mean(speeds[moving] ** 2 / hidden_from[moving] ** 3))
-        in_motion = replace(in_motion, roll=float(longer))
-    return _rms(variance[resting]), in_motion
+
+    speed: Array
+    shows: Array
+    variance: Array
+
+    @classmethod
+    def of(cls, data: Intervals, t: Array, speed: Array) -> Blocks:
+        """Return those of samples of a vehicle of ``speed`` (n,), m/s, at times ``t`` (n,), s; none of few samples."""
+        step = median_interval(data.edges) if len(data) else 1.0
+        length = 2 ** round(np.log2(_BLOCK_S / step))
+        starts = np.arange(0, max(len(data) - length, 0), length // 2)
+        if not starts.size:
+            return cls(np.zeros(0), np.zeros(0), np.zeros((0, 3)))
+        speeds = np.abs(np.interp(data.edges[starts + length // 2], t, speed))
+        channels = np.column_stack([data.gyro[:, 0], data.accel[:, 1:]])
+        window = np.hanning(length + 1)[:-1]
+        f = np.fft.rfftfreq(length, step)
+        seen_from = np.maximum(speeds / SHORTEST_WAVE_M, _LEAST_HZ)
+        variance = np.empty((len(starts), 3))
+        for block, start in enumerate(starts):
+            samples = channels[start : start + length]
+            lines = np.fft.rfft((samples - samples.mean(axis=0)) * window[:, None], axis=0)
+            power = 2.0 * np.abs(lines) ** 2 / (length * np.sum(window**2))
+            floor = np.exp(np.mean(np.log(np.maximum(power[f > 0.5 * f[-1]], 1e-30)), axis=0) + EULER)
+            fast = f > seen_from[block]
+            over = (power - floor)[fast] / (2.0 * np.pi * f[fast, None]) ** [2.0, 4.0, 4.0]
+            variance[block] = over.sum(axis=0)
+        return cls(speeds, seen_from, variance)
+
+    def shaking(self, roll_wave_m: float = SHORTEST_WAVE_M) -> tuple[Shaking, Shaking]:
+        """Return the shaking at rest and in motion.
+
+        In motion it is what is seen on waves below :data:`SHORTEST_WAVE_M`, and the roll that on waves up to
+        ``roll_wave_m``, as far as it is vibration of 5 Hz or more.
+        """
+        resting, moving = self.speed < _AT_REST_MPS, self.speed > _IN_MOTION_MPS
+        in_motion = _rms(self.variance[moving])
+        if moving.any():
+            speeds, seen_from = self.speed[moving], self.shows[moving]
+            hidden_from = np.clip(speeds / roll_wave_m, _EVEN_FROM_HZ, seen_from)
+            density = _lasting(self.variance[moving, 0] * seen_from**3 / speeds**2)
+            in_motion = replace(in_motion, roll=float(np.sqrt(density * np.mean(speeds**2 / hidden_from**3))))
+        return _rms(self.variance[resting]), in_motion
 
 
 def _rms(variance: Array) -> Shaking:
     if len(variance) < _LEAST_BLOCKS:
-        return _NOTHING
+        return Shaking(np.nan, np.nan, np.nan)
     return Shaking(*np.sqrt(np.maximum(variance.mean(axis=0), 0.0)).tolist())
 
 

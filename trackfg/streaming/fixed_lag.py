@@ -43,6 +43,7 @@ from trackfg.streaming.roll_test import RollTest
 from trackfg.streaming.rows import Rows
 from trackfg.streaming.sigma_test import SigmaTest
 from trackfg.streaming.tables.smoothed_tables import SmoothedTables, TableInput, Tables
+from trackfg.streaming.vibration_test import VibrationTest
 from trackfg.streaming.window.moving_window import LostWindow, MovingWindow
 from trackfg.streaming.window.running_window import FilterUpdate, Relinearisation, RunningWindow
 from trackfg.streaming.window.sample_buffer import SampleBuffer
@@ -129,6 +130,7 @@ class FixedLagSmoother:
     _locator: MapLocator | None
     _sigma_test: SigmaTest
     _roll_test: RollTest
+    _vibration_test: VibrationTest
 
     def __init__(
         self,
@@ -156,7 +158,7 @@ class FixedLagSmoother:
         self._locator = None if feature_map is None else MapLocator(description, self.config, feature_map)
         self._moving = MovingWindow(self._buffer, self.config, lag_s, on_map=feature_map is not None)
         self._tables, self._done_s = None, -np.inf
-        self._sigma_test, self._roll_test = SigmaTest(), RollTest()
+        self._sigma_test, self._roll_test, self._vibration_test = SigmaTest(), RollTest(), VibrationTest()
 
     def put(self, rows: Rows) -> Estimates:
         """Take the next rows and return the estimates that they make."""
@@ -184,8 +186,10 @@ class FixedLagSmoother:
             outputs.append(PassOutput([], (waiting,)))
         last = self._tested(_estimates_of(_table([] if update is None else [self._filtered_row(update)]), outputs))
         until, running = self._buffer.until, self._moving.running
-        late = () if running is None else clock_doubts(running.newest.states.clock[0], self.config, until)
-        doubts = (*self._sigma_test.events(until), *self._roll_test.events(until), *late)
+        doubts = (*self._sigma_test.events(until), *self._roll_test.events(until))
+        if running is not None:
+            doubts += self._vibration_test.events(until, running.context.conventions)
+            doubts += clock_doubts(running.newest.states.clock[0], self.config, until)
         return last._replace(events=(*last.events, *doubts))
 
     def _tested(self, estimates: Estimates) -> Estimates:
@@ -249,7 +253,11 @@ class FixedLagSmoother:
         pieces = []
         if at_end or settled - tables.done_s >= PIECE_S:
             inputs = self._table_input(running, step.whole_window, step.root)
+            before = tables.done_s
             pieces = [tables.next_piece(self._buffer, inputs, settled, at_end=at_end)]
+            self._moving.votes.written_s = tables.done_s
+            samples = self._buffer.intervals(before, tables.done_s)
+            self._vibration_test.put(samples, pieces[0].trajectory, pieces[0].geometry)
         locator = self._locator
         events = self._moving.votes.pop_events() if locator is None else self._locate(locator, pieces, step)
         if step.marginalised is not None:

@@ -9,7 +9,7 @@ import pytest
 
 from trackfg.datasets.scenarios import simulate
 from trackfg.sensors.imu_intervals import Intervals, intervals
-from trackfg.sensors.short_vibration import shaking
+from trackfg.sensors.short_vibration import Blocks
 
 HZ, AMPLITUDE = 20.0, 1e-4
 """A roll of 0.1 mrad at 20 Hz."""
@@ -31,16 +31,16 @@ def with_roll(data: Intervals) -> Intervals:
 
 def test_at_rest_a_line_is_seen_in_full(quiet: Intervals) -> None:
     t = quiet.edges[[0, -1]]
-    resting, moving = shaking(with_roll(quiet), t, np.zeros(2))
+    resting, moving = Blocks.of(with_roll(quiet), t, np.zeros(2)).shaking()
     assert resting.roll == pytest.approx(AMPLITUDE / np.sqrt(2.0), rel=0.05)
     assert np.isnan(moving.roll)
-    assert shaking(quiet, t, np.zeros(2))[0].roll < 0.1 * AMPLITUDE
+    assert Blocks.of(quiet, t, np.zeros(2)).shaking()[0].roll < 0.1 * AMPLITUDE
 
 
 @pytest.mark.parametrize(("speed", "is_seen"), [(8.0, True), (20.0, False)])
 def test_in_motion_a_line_is_seen_where_no_track_has_its_wave(quiet: Intervals, speed: float, is_seen: bool) -> None:
     """20 Hz are 0.4 m at 8 m/s and 1 m at 20 m/s."""
-    moving = shaking(with_roll(quiet), quiet.edges[[0, -1]], np.full(2, speed))[1]
+    moving = Blocks.of(with_roll(quiet), quiet.edges[[0, -1]], np.full(2, speed)).shaking()[1]
     assert (moving.roll > 0.9 * AMPLITUDE / np.sqrt(2.0)) == is_seen
 
 
@@ -60,8 +60,8 @@ def test_roll_on_the_waves_of_a_twist_is_told_from_that_on_shorter_ones(quiet: I
     """At 15 m/s 0.7 m are 21 Hz: of the angle above 5 Hz a tenth is seen, and the rest follows from its density."""
     data, roll = shaken(quiet, 3)
     ends, speed = data.edges[[0, -1]], np.full(2, 15.0)
-    assert shaking(data, ends, speed)[1].roll == pytest.approx((5.0 / 21.4) ** 1.5 * roll, rel=0.15)
-    assert shaking(data, ends, speed, 6.0)[1].roll == pytest.approx(roll, rel=0.15)
+    assert Blocks.of(data, ends, speed).shaking()[1].roll == pytest.approx((5.0 / 21.4) ** 1.5 * roll, rel=0.15)
+    assert Blocks.of(data, ends, speed).shaking(6.0)[1].roll == pytest.approx(roll, rel=0.15)
 
 
 def test_kinks_of_cant_ramps_are_no_vibration(quiet: Intervals) -> None:
@@ -69,18 +69,18 @@ def test_kinks_of_cant_ramps_are_no_vibration(quiet: Intervals) -> None:
     t = quiet.edges[:-1] - quiet.edges[0]
     ramp = np.where((t > 10.0) & (t < 13.0), 3e-3, 0.0)
     data = replace(quiet, gyro=quiet.gyro + ramp[:, None] * [1.0, 0.0, 0.0])
-    assert shaking(data, data.edges[[0, -1]], np.full(2, 20.0), 6.0)[1].roll == 0.0
+    assert Blocks.of(data, data.edges[[0, -1]], np.full(2, 20.0)).shaking(6.0)[1].roll == 0.0
 
 
 def test_a_sway_across_is_integrated_twice(quiet: Intervals) -> None:
     size = 1e-4
     sway = -size * (2.0 * np.pi * HZ) ** 2 * np.cos(2.0 * np.pi * HZ * quiet.edges[:-1])
     swaying = replace(quiet, accel=quiet.accel + sway[:, None] * [0.0, 1.0, 0.0])
-    resting = shaking(swaying, quiet.edges[[0, -1]], np.zeros(2))[0]
+    resting = Blocks.of(swaying, quiet.edges[[0, -1]], np.zeros(2)).shaking()[0]
     assert resting.across == pytest.approx(size / np.sqrt(2.0), rel=0.1)
     assert resting.up < 0.3 * size
 
 
 def test_a_short_record_says_nothing(quiet: Intervals) -> None:
     few = replace(quiet, edges=quiet.edges[:200], gyro=quiet.gyro[:199], accel=quiet.accel[:199])
-    assert np.isnan([shaking(few, few.edges[[0, -1]], np.zeros(2))[k].roll for k in (0, 1)]).all()
+    assert np.isnan([Blocks.of(few, few.edges[[0, -1]], np.zeros(2)).shaking()[k].roll for k in (0, 1)]).all()

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
 
+from trackfg.results.summary import GeometryConventions
 from trackfg.results.verdict import Doubt, Quantity
-from trackfg.sensors.short_vibration import SHORTEST_WAVE_M, shaking
+from trackfg.sensors.short_vibration import SHORTEST_WAVE_M, Blocks
 from trackfg.smoothing.reassessment import SolvedRun
 
 _LEAST_WIDENING = 1.2
@@ -18,39 +21,60 @@ better."""
 _VERSINE = math.sqrt(1.5)
 """A versine of independent errors of three places, over one of them: 1 + 1/4 + 1/4."""
 
-_HINT = "mount the sensor where it does not vibrate, or declare rigid = false"
+HINT = "mount the sensor where it does not vibrate, or declare rigid = false"
+
+
+COLUMNS: dict[Quantity, str] = {
+    "twist": "twist_mm",
+    "level": "versine_level_mm",
+    "alignment": "versine_alignment_mm",
+}
+"""The columns of a geometry table whose sigmas do not know of vibration."""
 
 
 def vibration_doubts(run: SolvedRun, geometry: pd.DataFrame) -> list[Doubt]:
-    """Return doubts of the geometry's short waves, where the sensor vibrates by more than their sigmas.
+    """Return doubts of the geometry's short waves, where the sensor vibrates by more than their sigmas."""
+    if geometry.empty:
+        return []
+    nav, context = run.solution.states.nav, run.problem.run
+    blocks = Blocks.of(context.inertial, context.t, np.linalg.norm(nav.v, axis=1))
+    sigmas = {name: geometry[f"{column}_sd"].dropna() for name, column in COLUMNS.items()}
+    usual = {name: float(np.sqrt(np.mean(np.square(sd)))) for name, sd in sigmas.items() if len(sd)}
+    return [
+        Doubt((name,), shown.factor, shown.reason, HINT)
+        for name, shown in visible_vibration(blocks, usual, context.conventions).items()
+    ]
+
+
+class Vibration(NamedTuple):
+    """The ``factor`` by which vibration exceeds the sigmas of a quantity, and the ``reason`` in words."""
+
+    factor: float
+    reason: str
+
+
+def visible_vibration(
+    blocks: Blocks, usual_mm: Mapping[Quantity, float], conventions: GeometryConventions
+) -> dict[Quantity, Vibration]:
+    """Return by which quantities the vibration of ``blocks`` exceeds the sigmas, which are ``usual_mm``.
 
     At rest all vibration shows. In motion only that below :data:`~trackfg.sensors.short_vibration.SHORTEST_WAVE_M`
     does, and what that says of the roll on the waves of a twist, of up to twice its base: most of it is on the longest,
     where the ends of the base move against each other.
     """
-    if geometry.empty:
-        return []
-    nav, context = run.solution.states.nav, run.problem.run
-    conventions = context.conventions
-    speed, longest = np.linalg.norm(nav.v, axis=1), max(2.0 * conventions.twist_base_m, SHORTEST_WAVE_M)
-    resting, moving = shaking(context.inertial, context.t, speed, longest)
-    twist = conventions.cross_level_base_m * _largest(math.sqrt(2.0) * resting.roll, 2.0 * moving.roll)
-    moved: tuple[tuple[Quantity, str, float], ...] = (
-        ("twist", "twist_mm", twist),
-        ("level", "versine_level_mm", _VERSINE * _largest(resting.up, moving.up)),
-        ("alignment", "versine_alignment_mm", _VERSINE * _largest(resting.across, moving.across)),
-    )
-    return [doubt for name, column, by in moved if (doubt := _doubt(name, 1e3 * by, geometry[f"{column}_sd"]))]
+    resting, moving = blocks.shaking(max(2.0 * conventions.twist_base_m, SHORTEST_WAVE_M))
+    moved: dict[Quantity, float] = {
+        "twist": conventions.cross_level_base_m * _largest(math.sqrt(2.0) * resting.roll, 2.0 * moving.roll),
+        "level": _VERSINE * _largest(resting.up, moving.up),
+        "alignment": _VERSINE * _largest(resting.across, moving.across),
+    }
+    shown = {name: (1e3 * moved[name], math.hypot(1.0, 1e3 * moved[name] / usual)) for name, usual in usual_mm.items()}
+    return {
+        name: Vibration(factor, f"the sensor vibrates: by {by:.2g} mm of {name}, which look like track")
+        for name, (by, factor) in shown.items()
+        if factor >= _LEAST_WIDENING
+    }
 
 
 def _largest(*sizes: float) -> float:
     return float(np.nan_to_num(np.fmax.reduce(sizes)))
-
-
-def _doubt(quantity: Quantity, vibration_mm: float, sigmas: pd.Series[float]) -> Doubt | None:
-    usual = float(np.sqrt(np.mean(np.square(sigmas.dropna())))) if sigmas.notna().any() else math.inf
-    factor = math.hypot(1.0, vibration_mm / usual)
-    if factor < _LEAST_WIDENING:
-        return None
-    reason = f"the sensor vibrates: by {vibration_mm:.2g} mm of {quantity}, which look like track"
-    return Doubt((quantity,), factor, reason, _HINT)

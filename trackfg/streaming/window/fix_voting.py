@@ -16,6 +16,8 @@ it knows of the distance alone. Until then, a rival at r adds, as in a mixture o
 the distance
 
     P r^2,    P = 1/2 with as many votes as the accepted hypothesis, 1/10 with one less, 0 with fewer.
+
+What was written before a rival had any vote does not know of it: its chainage is doubted once the rival is accepted.
 """
 
 from __future__ import annotations
@@ -31,7 +33,7 @@ from trackfg.factors.marginal_prior import with_distance_shifted
 from trackfg.factors.odometry import followed_fix, withheld_fix
 from trackfg.factors.states import Kind, Odo, States, offset_in_keyframe
 from trackfg.numerics.arrays import Array
-from trackfg.results.events import Event
+from trackfg.results.events import DOUBT, Event
 from trackfg.solver.covariance import Covariance
 from trackfg.streaming.window.wheel_creep import Creep
 from trackfg.streaming.window.window import Interval, Window
@@ -65,7 +67,9 @@ class FixVotes:
     ``distance_scale_covariance`` (2, 2): of the newest keyframe's distance (m) and wheel scale. ``newest_m``: position
     of the newest fix; one that is read again at rest is no second vote. ``agreed_m``, ``agreed_s``: place and time of
     the newest one that agreed. ``creep``: what a fix has shown and has not been popped; the scale walks by
-    ``walk_per_sqrt_m`` until ``walks_for`` more fixes agree. ``events``: those that have not been popped.
+    ``walk_per_sqrt_m`` until ``walks_for`` more fixes agree. ``written_s``: up to when
+    estimates are written; ``placed_s``: since when they have the accepted position, None without any. ``events``: those
+    that have not been popped.
     """
 
     votes: int = 0
@@ -74,6 +78,8 @@ class FixVotes:
     newest_m: float | None = None
     agreed_m: float | None = None
     agreed_s: float = 0.0
+    written_s: float = -np.inf
+    placed_s: float | None = None
     creep: Creep | None = None
     walk_per_sqrt_m: float = 0.0
     walks_for: int = 0
@@ -151,9 +157,21 @@ class FixVotes:
         parted = (fixes.take(~withheld), withheld_fix(fixes.take(withheld)))
         return interval._replace(families=(*others, *(family for family in parted if len(family)))), shift_m
 
+    def doubt_left_place(self, shift_m: float) -> None:
+        """Doubt what is written of the place ``shift_m`` before the one that was accepted since."""
+        if self.placed_s is not None and self.placed_s < self.written_s:
+            detail = (
+                f"chainage: by {shift_m:+.1f} m, as more fixes say than those that placed the vehicle: correct it by "
+                "as much, or smooth the recording"
+            )
+            self.events += (Event(DOUBT, "fixes", self.placed_s, self.written_s, 0, detail),)
+        self.placed_s = self.written_s
+
     def _count_agreement(self, position: float, t: float) -> None:
         """Count a vote of a fix at ``position``, m, and time ``t``, s, for the accepted hypothesis."""
         self.agreed_m, self.agreed_s = position, t
+        if self.placed_s is None:
+            self.placed_s = self.written_s
         self.walks_for = max(self.walks_for - 1, 0)
         if not self.walks_for:
             self.walk_per_sqrt_m = 0.0

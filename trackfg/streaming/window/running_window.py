@@ -158,6 +158,7 @@ class RunningWindow:
         window = Window(problem.t, states, problem.measured, problem.response, problem.families)
         newest = window.gauss_newton_step({len(window) - 1}).window_without_first(len(window) - 1)
         if not on_map:
+            votes.written_s = max(votes.written_s, float(window.t[0]))
             votes.count_first_window(problem.family(FactorType.ABSOLUTE_FIX), states, problem.t)
         rests, context = Rests(lag_s, problem.rests), first.context
         running = cls(
@@ -295,6 +296,7 @@ class RunningWindow:
 
     def _jump_along_track(self, interval: Interval, shift_m: float) -> FilterUpdate:
         """Shift the window along the track, where the votes of the fixes say so, and estimate the next keyframe."""
+        self.votes.doubt_left_place(shift_m)
         begins = [self.window.states.take(slice(-1, None)), *(added.predicted for added in self.added)]
         *self.added, interval = (
             shift_interval(added, begin, shift_m) for added, begin in zip([*self.added, interval], begins, strict=True)

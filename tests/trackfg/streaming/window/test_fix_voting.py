@@ -19,6 +19,7 @@ from trackfg.factors.imu import Preintegration
 from trackfg.factors.loss import Cauchy
 from trackfg.factors.odometry import absolute_fix, withheld_fix
 from trackfg.factors.states import Kind, Nav, Odo, States
+from trackfg.results.events import DOUBT
 from trackfg.streaming.fixed_lag import Estimates, FixedLagSmoother
 from trackfg.streaming.intake.intake import Intake
 from trackfg.streaming.sources.source import RecordingSource
@@ -194,6 +195,13 @@ def test_a_wrong_first_fix_is_got_over(run: Simulation) -> None:
         assert one.events == same.events
     kinds = [event.kind for piece in pieces for event in piece.events]
     assert kinds.count("place-changed") == 1
+    doubts = [event for piece in pieces for event in piece.events if event.kind == DOUBT]
+    (doubt,) = (event for event in doubts if event.table == "fixes")
+    written = pd.concat([piece.smoothed for piece in pieces])
+    error = written["chainage_m"] - np.interp(written["t_s"], run.truth["t_s"], run.truth["chainage_m"])
+    far = written.loc[np.abs(error) > 4.0 * written["chainage_m_sd"] + 0.02, "t_s"]
+    assert len(far)
+    assert far.between(doubt.t_s, doubt.until_s).all()
     told = [kind for kind in kinds if kind in ("fix used", "fix set aside")]
     assert len(told) == len(fixes)
     assert told[1:] == ["fix used"] * (len(fixes) - 1)  # the first may be told before it is known to be wrong

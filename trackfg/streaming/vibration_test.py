@@ -1,0 +1,53 @@
+"""A stream tests whether its sensor vibrates by more than the track's sigmas, as
+:mod:`trackfg.smoothing.doubts.vibration_doubts` does of a run: of the newest blocks of samples.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+import pandas as pd
+
+from trackfg.numerics.arrays import Array
+from trackfg.results.events import DOUBT, Event
+from trackfg.results.summary import GeometryConventions
+from trackfg.sensors.imu_intervals import Intervals
+from trackfg.sensors.short_vibration import Blocks
+from trackfg.smoothing.doubts.vibration_doubts import COLUMNS, HINT, visible_vibration
+
+_MOST_BLOCKS = 5000
+"""Blocks that are kept, of 1.28 s each: two hours say how a sensor vibrates."""
+
+
+@dataclass
+class VibrationTest:
+    """The newest ``blocks``, and ``sums`` (3, 2): the number of sigmas of each of
+    :data:`~trackfg.smoothing.doubts.vibration_doubts.COLUMNS` and the sum of their squares, mm^2.
+    """
+
+    blocks: Blocks = field(default_factory=lambda: Blocks(np.zeros(0), np.zeros(0), np.zeros((0, 3))))
+    sums: Array = field(default_factory=lambda: np.zeros((len(COLUMNS), 2)))
+
+    def put(self, samples: Intervals, smoothed: pd.DataFrame, geometry: pd.DataFrame) -> None:
+        """Take the next samples, and the rows of trajectory and geometry that they led to."""
+        if len(smoothed):
+            new = Blocks.of(samples, smoothed["t_s"].to_numpy(), smoothed["speed_mps"].to_numpy())
+            joined = (np.concatenate(both)[-_MOST_BLOCKS:] for both in zip(self.blocks, new, strict=True))
+            self.blocks = Blocks(*joined)
+        for i, column in enumerate(COLUMNS.values()):
+            sigmas = geometry[f"{column}_sd"].dropna().to_numpy()
+            self.sums[i] += [sigmas.size, np.sum(sigmas**2)]
+
+    def events(self, until_s: float, conventions: GeometryConventions) -> tuple[Event, ...]:
+        """Return an event for each quantity of the track that vibration hides, known at the end of a stream."""
+        usual = {
+            name: float(np.sqrt(squares / number))
+            for name, (number, squares) in zip(COLUMNS, self.sums.tolist(), strict=True)
+            if number
+        }
+        shown = visible_vibration(self.blocks, usual, conventions)
+        return tuple(
+            Event(DOUBT, t_s=until_s, detail=f"{name}: {reason}: multiply its sigmas by {factor:.1f}, or {HINT}")
+            for name, (factor, reason) in shown.items()
+        )
