@@ -29,7 +29,7 @@ cost of elimination counts variables as well as dimensions.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import Enum
 from functools import cache, cached_property, lru_cache
 from typing import TYPE_CHECKING
@@ -254,6 +254,10 @@ class States(Outlined):
         assert isinstance(odo, Odo)
         shared = (vectors(parts[kind]) for kind in (*SHARED, Kind.SENSOR))
         return States(nav, vectors(parts[Kind.BIAS]), odo, *shared)
+
+    def moved_along(self, by_m: float) -> States:
+        """Return the states ``by_m`` further along the track."""
+        return replace(self, odo=self.odo.moved_along(by_m))
 
 
 @dataclass(frozen=True, repr=False)

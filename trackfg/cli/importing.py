@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Container, Sequence
+from collections.abc import Container, Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -69,7 +69,7 @@ def import_recording(
     """
     from trackfg.interchange.importing.channels.measured_geometry import measured_result
     from trackfg.interchange.importing.channels.source_geometry import geometry_in
-    from trackfg.interchange.importing.conversion import write_imported
+    from trackfg.interchange.importing.conversion import converted
     from trackfg.interchange.importing.mapping import read_mapping
 
     plan = None if mapping is None else read_mapping(mapping)
@@ -84,8 +84,10 @@ def import_recording(
     else:
         with working("reading"):
             tables = _tables(source, from_format or plan.source, plan.dialect)
-            made = write_imported(tables, plan, out, run_id=source.stem)
-        _note_of(tables)
+            conversion, notes = converted(tables, plan, run_id=source.stem), _notes_of(tables)
+            del tables  # the recording is read back, and there is no need for both in memory
+            made = conversion.write(out)
+        _note(notes)
         _report(made)
 
 
@@ -135,7 +137,7 @@ def _tables(source: Path, from_format: str | None, dialect_for: DialectFor) -> S
 
 def _proposed(source: Path, out: Path, from_format: str | None, ask: Ask) -> tuple[Proposal, Imported]:
     """Propose a mapping and write the recording that it makes."""
-    from trackfg.interchange.importing.conversion import write_imported
+    from trackfg.interchange.importing.conversion import converted
     from trackfg.interchange.importing.mapping import mapping_of
     from trackfg.interchange.importing.proposal import propose, unused_columns
     from trackfg.interchange.importing.registry import source_format
@@ -151,11 +153,13 @@ def _proposed(source: Path, out: Path, from_format: str | None, ask: Ask) -> tup
         proposal = propose(tables, ask_alone, form.mapping(tables))
         proposal.sections["source"] = form.key
         mapping = mapping_of(proposal.sections, "proposed mapping")
-        made = write_imported(tables, mapping, out, run_id=source.stem)
-    _note_of(tables)
-    for name, columns in unused_columns(proposal.sections, tables).items():
-        more = f" and {len(columns) - _MOST_NAMED} more" if len(columns) > _MOST_NAMED else ""
-        note(f"trackfg: note: not used of {name}: {', '.join(columns[:_MOST_NAMED])}{more}")
+        conversion, notes = converted(tables, mapping, run_id=source.stem), _notes_of(tables)
+        for name, columns in unused_columns(proposal.sections, tables).items():
+            more = f" and {len(columns) - _MOST_NAMED} more" if len(columns) > _MOST_NAMED else ""
+            notes.append(f"not used of {name}: {', '.join(columns[:_MOST_NAMED])}{more}")
+        del tables  # as above
+        made = conversion.write(out)
+    _note(notes)
     return proposal, made
 
 
@@ -178,16 +182,17 @@ def _recognised(proposal: Proposal, source: Path) -> Table:
 
 def _note_reasons(proposal: Proposal, shown: Container[str] = ()) -> None:
     """Print why keys of a mapping are what they are, but for those that are ``shown`` otherwise."""
-    for key, reason in proposal.reasons.items():
-        if key not in shown:
-            note(f"trackfg: note: {key}: {reason}")
+    _note(f"{key}: {reason}" for key, reason in proposal.reasons.items() if key not in shown)
 
 
-def _note_of(tables: Sequence[SourceTable]) -> None:
-    """Print what reading has assumed."""
-    for table in tables:
-        for text in table.notes:
-            note(f"trackfg: note: {text}")
+def _notes_of(tables: Sequence[SourceTable]) -> list[str]:
+    """Return what reading has assumed."""
+    return [text for table in tables for text in table.notes]
+
+
+def _note(notes: Iterable[str]) -> None:
+    for text in notes:
+        note(f"trackfg: note: {text}")
 
 
 def _assume(question: Question) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -30,24 +31,31 @@ class Columns:
 
 
 class Tables:
-    """The tables of one recording, each file opened once however many sensors refer to it."""
+    """The tables of one recording, each file opened once however many sensors refer to it, and dropped after the last.
+
+    The columns of each part are asked for once.
+    """
 
     def __init__(self, folder: Path, parts: Iterable[Table]) -> None:
         self._folder = folder
         self._wanted: dict[str, list[str]] = {}
         self._opened: dict[str, tuple[TableFile | None, list[Finding]]] = {}
+        self._awaited: Counter[str] = Counter()
         for part in parts:
+            self._awaited[part.file] += 1
             self._wanted.setdefault(part.file, []).extend((part.time, *format_of(part).columns(part)))
 
-    def open(self, file: str) -> tuple[TableFile | None, list[Finding]]:
+    def _open(self, file: str) -> tuple[TableFile | None, list[Finding]]:
         """The open file, or None and why not."""
-        if file not in self._opened:
-            self._opened[file] = open_table(self._folder, file, self._wanted.get(file, ()))
-        return self._opened[file]
+        opened = self._opened.pop(file, None) or open_table(self._folder, file, self._wanted.get(file, ()))
+        self._awaited[file] -= 1
+        if self._awaited[file] > 0:
+            self._opened[file] = opened
+        return opened
 
     def columns(self, part: Table, limits: CheckLimits) -> tuple[Columns | None, list[Finding]]:
         """The part's columns, or None where one is unusable; and all that is wrong with their structure."""
-        table, findings = self.open(part.file)
+        table, findings = self._open(part.file)
         if table is None:
             return None, findings
         sensor, read = format_of(part), {}
@@ -82,5 +90,5 @@ def canonical_table(part: Table, columns: Columns) -> tuple[pd.DataFrame, Conver
     sensor = format_of(part)
     converter, t = sensor.converter(part), sensor.on_common_clock(part, columns.t_s)
     data = (t, *converter(t, columns.data))
-    table = pd.DataFrame(dict(zip(sensor.canonical, data, strict=True)))
+    table = pd.DataFrame(dict(zip(sensor.canonical, data, strict=True)), copy=False)
     return table.dropna(ignore_index=True) if sensor.may_be_silent else table, converter

@@ -83,29 +83,50 @@ class Imported:
     rows: dict[str, int]
 
 
+@dataclass
+class Conversion:
+    """A recording in memory, until it is written: its description, its tables by file, and the mapping's name."""
+
+    description: dict[str, Any]
+    files: dict[str, pd.DataFrame]
+    mapping_name: str
+
+    def write(self, folder: Path) -> Imported:
+        """Write the recording, complete or not at all; each table is dropped from memory once it is written.
+
+        Raises :class:`BadInputError` where the recording could not be read back.
+        """
+        refuse_used(folder, "recordings are never overwritten")
+        rows = {name: len(frame) for name, frame in self.files.items()}
+        with replaced_folder(folder) as new:
+            for name in rows:
+                write_table(self.files.pop(name), new / name)
+            (new / FILE_NAME).write_text(tomli_w.dumps(self.description), encoding="utf-8")
+            loaded = load(new)
+            if loaded.recording is None:
+                found = errors(loaded.findings)
+                more = f" ({len(found) - 1} more)" if len(found) > 1 else ""
+                raise BadInputError(f"{self.mapping_name}: the recording would not be usable: {found[0]}{more}")
+        return Imported(folder, loaded, rows)
+
+
 def write_imported(tables: Sequence[SourceTable], mapping: Mapping, folder: Path, *, run_id: str) -> Imported:
-    """Write the recording that ``mapping`` makes of ``tables``, complete or not at all.
+    """Write the recording that ``mapping`` makes of ``tables``: :func:`converted`, then :meth:`Conversion.write`."""
+    return converted(tables, mapping, run_id=run_id).write(folder)
+
+
+def converted(tables: Sequence[SourceTable], mapping: Mapping, *, run_id: str) -> Conversion:
+    """Return the recording that ``mapping`` makes of ``tables``, which are not needed afterwards.
 
     ``run_id`` is used where the mapping has no ``id``. Raises :class:`BadInputError` where a column is missing or
-    unreadable, where clocks cannot be brought together, and where the recording could not be read back; the message
-    names file, column and row.
+    unreadable, and where clocks cannot be brought together; the message names file, column and row.
     """
     parts = [_part(sensor, tables, mapping.kilometrage) for sensor in mapping.sensors]
     clocks = [part.times for part in parts]
     parts = [part._replace(times=part.times.beside(clocks)) for part in parts]
     start_ns = _start(parts, mapping, next((t.start_ns for t in tables if t.start_ns is not None), None))
     description, files = _described(parts, mapping, start_ns, run_id)
-    refuse_used(folder, "recordings are never overwritten")
-    with replaced_folder(folder) as new:
-        for name, frame in files.items():
-            write_table(frame, new / name)
-        (new / FILE_NAME).write_text(tomli_w.dumps(description), encoding="utf-8")
-        loaded = load(new)
-        if loaded.recording is None:
-            found = errors(loaded.findings)
-            more = f" ({len(found) - 1} more)" if len(found) > 1 else ""
-            raise BadInputError(f"{mapping.name}: the recording would not be usable: {found[0]}{more}")
-    return Imported(folder, loaded, {name: len(frame) for name, frame in files.items()})
+    return Conversion(description, files, mapping.name)
 
 
 def table_named(tables: Sequence[SourceTable], pattern: str, section: str) -> SourceTable:
@@ -338,7 +359,8 @@ def _described(
         columns = {name: np.asarray(values) for name, values in part.columns.items()}
         # No clock is finer than 1 ns, so that a time is the same however its source has written it.
         with np.errstate(over="ignore"):  # damaged times may be of any size
-            files[file] = pd.DataFrame({time: np.round(part.times.since(start_ns), _TIME_DIGITS), **columns})
+            columns = {time: np.round(part.times.since(start_ns), _TIME_DIGITS), **columns}
+        files[file] = pd.DataFrame(columns, copy=False)
         if part.places is not None:
             files[_PLACES_FILE] = part.places
         section = {"file": file, "time": time, **part.keys}

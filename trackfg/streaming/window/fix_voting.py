@@ -69,7 +69,7 @@ class FixVotes:
     the newest one that agreed. ``creep``: what a fix has shown and has not been popped; the scale walks by
     ``walk_per_sqrt_m`` until ``walks_for`` more fixes agree. ``written_s``: up to when
     estimates are written; ``placed_s``: since when they have the accepted position, None without any. ``events``: those
-    that have not been popped.
+    that have not been popped, ``shift_m`` a shift of the position that has not been.
     """
 
     votes: int = 0
@@ -84,6 +84,7 @@ class FixVotes:
     walk_per_sqrt_m: float = 0.0
     walks_for: int = 0
     events: tuple[Event, ...] = ()
+    shift_m: float = 0.0
 
     @property
     def doubt_m(self) -> float:
@@ -101,6 +102,11 @@ class FixVotes:
         """Return the creep that a fix has shown since the last call."""
         creep, self.creep = self.creep, None
         return creep
+
+    def pop_shift(self) -> float:
+        """Return by how much the accepted position has shifted since the last call, m."""
+        shift_m, self.shift_m = self.shift_m, 0.0
+        return shift_m
 
     def update_covariance(self, covariance: Covariance) -> None:
         """Take the part of the newest keyframe's covariance that predictions of fixes need."""
@@ -157,8 +163,9 @@ class FixVotes:
         parted = (fixes.take(~withheld), withheld_fix(fixes.take(withheld)))
         return interval._replace(families=(*others, *(family for family in parted if len(family)))), shift_m
 
-    def doubt_left_place(self, shift_m: float) -> None:
-        """Doubt what is written of the place ``shift_m`` before the one that was accepted since."""
+    def leave_place(self, shift_m: float) -> None:
+        """Doubt what is written of the place that is left for one ``shift_m`` further along the track."""
+        self.shift_m += shift_m
         if self.placed_s is not None and self.placed_s < self.written_s:
             detail = (
                 f"chainage: by {shift_m:+.1f} m, as more fixes say than those that placed the vehicle: correct it by "
@@ -227,18 +234,13 @@ def _with_vote_less(rivals: tuple[Rival, ...]) -> tuple[Rival, ...]:
     return tuple(replace(rival, votes=rival.votes - 1) for rival in rivals if rival.votes > 1)
 
 
-def shift_states(states: States, by_m: float) -> States:
-    """Return states ``by_m`` further along the track."""
-    return replace(states, odo=states.odo.moved_along(by_m))
-
-
 def shift_interval(interval: Interval, begin: States, by_m: float) -> Interval:
     """Return the interval, which begins at the state ``begin``, ``by_m`` further along the track.
 
     Of its fixes those are followed that agree with the new position.
     """
-    predicted = shift_states(interval.predicted, by_m)
-    families = _with_fixes_followed_anew(interval.families, shift_states(begin, by_m).joined(predicted), by_m)
+    predicted = interval.predicted.moved_along(by_m)
+    families = _with_fixes_followed_anew(interval.families, begin.moved_along(by_m).joined(predicted), by_m)
     return interval._replace(predicted=predicted, families=families)
 
 
@@ -247,7 +249,7 @@ def shift_window(window: Window, by_m: float) -> Window:
 
     Its priors lose what they know of the distance; of its fixes those are followed that agree with the new position.
     """
-    states = shift_states(window.states, by_m)
+    states = window.states.moved_along(by_m)
     families = _with_fixes_followed_anew([_shift_prior(family, by_m) for family in window.families], states, by_m)
     return replace(window, states=states, families=families)
 

@@ -57,6 +57,13 @@ class MarginalisedHistory:
         self.parts = self.parts[count:]
         self.families = tuple(family.take(family.first_keyframe >= count).shifted(-count) for family in self.families)
 
+    def shift(self, by_m: float) -> None:
+        """Shift the keyframes ``by_m`` along the track, with what they know of each other."""
+        if by_m:
+            self.parts = [
+                part._replace(linearisation_point=part.linearisation_point.moved_along(by_m)) for part in self.parts
+            ]
+
     def collapse_rests(self, before: float) -> Array:
         """Merge the keyframes of each rest up to ``before`` (s) into one at its begin: a vehicle may stand for hours.
 

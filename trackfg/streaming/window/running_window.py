@@ -35,7 +35,7 @@ from trackfg.solver.gauss_newton import solve
 from trackfg.solver.square_root import SquareRoot
 from trackfg.streaming.checkpoint.snapshot import DERIVED
 from trackfg.streaming.window.filter_step import FilterResult, PredictedPair
-from trackfg.streaming.window.fix_voting import FixVotes, shift_interval, shift_states, shift_window
+from trackfg.streaming.window.fix_voting import FixVotes, shift_interval, shift_window
 from trackfg.streaming.window.gnss_record import GnssRecord
 from trackfg.streaming.window.next_interval import predict_interval, with_other_rows
 from trackfg.streaming.window.rests import LOOK_S, Rests
@@ -296,13 +296,13 @@ class RunningWindow:
 
     def _jump_along_track(self, interval: Interval, shift_m: float) -> FilterUpdate:
         """Shift the window along the track, where the votes of the fixes say so, and estimate the next keyframe."""
-        self.votes.doubt_left_place(shift_m)
+        self.votes.leave_place(shift_m)
         begins = [self.window.states.take(slice(-1, None)), *(added.predicted for added in self.added)]
         *self.added, interval = (
             shift_interval(added, begin, shift_m) for added, begin in zip([*self.added, interval], begins, strict=True)
         )
         self.window, self.recent = shift_window(self.window, shift_m), shift_window(self.recent, shift_m)
-        self.linearisation_point = shift_states(self.linearisation_point, shift_m)
+        self.linearisation_point = self.linearisation_point.moved_along(shift_m)
         return self._resolve_recent_keyframes(interval)
 
     def _follow_creep(self, interval: Interval, creep: Creep) -> FilterUpdate:

@@ -214,6 +214,22 @@ def test_a_wrong_first_fix_is_got_over(run: Simulation) -> None:
     assert pieces[-1].filtered["chainage_m_sd"].iloc[-1] < 1.0
 
 
+def test_keyframes_that_had_left_the_window_shift_with_it(run: Simulation) -> None:
+    source, config = RecordingSource(run.recording, batch_s=0.5), SmoothConfig(keyframes=KeyframeConfig(interval_s=0.5))
+    smoother, intake = FixedLagSmoother(run.recording.description, config, lag_s=6.0), Intake.of(source)
+    for batch in source:
+        smoother.put(intake.push(batch)[0])
+    assert smoother._tables is not None
+    history, running = smoother._tables.history, smoother._running
+    before = history.joined_with(running.window, running.root)[1]
+    history.shift(6000.0)
+    shifted = replace(running.window, states=running.window.states.moved_along(6000.0))
+    after = history.joined_with(shifted, running.root)[1]
+    assert len(history.parts) > 5
+    np.testing.assert_allclose(after.odo.distance - before.odo.distance, 6000.0, atol=1e-6)
+    np.testing.assert_allclose(after.nav.p, before.nav.p, atol=1e-6)
+
+
 @pytest.mark.parametrize("on_map", [False, True])
 def test_where_a_map_tells_the_place_fixes_of_the_first_window_do_not_vote_either(
     run: Simulation, on_map: bool

@@ -31,16 +31,9 @@ _ROWS_AT_ONCE = 50_000
 
 
 def read_arrow(path: Path) -> list[SourceTable]:
-    """Read a Parquet, Feather or Arrow file. Raises :class:`BadInputError` where it is none."""
-    try:
-        if path.suffix.casefold() in (".parquet", ".pq"):
-            table = pa.parquet.ParquetFile(path).read(use_threads=False)
-        else:
-            table = pa.feather.read_table(path, use_threads=False)
-    except (pa.ArrowException, OSError, ValueError) as error:
-        raise BadInputError(f"{path.name}: cannot be read ({first_line(error)}); expected {path.suffix}") from error
+    """Read a Parquet, Feather or Arrow file, a column at a time. Raises :class:`BadInputError` where it is none."""
     units, columns, notes = {}, {}, []
-    for name, column in zip(table.column_names, table.columns, strict=True):
+    for name, column in _arrow_columns(path):
         if pa.types.is_timestamp(column.type):
             if column.type.tz is None:
                 notes.append(f"{path.name}: times of {name} state no zone: they are taken as UTC")
@@ -51,7 +44,20 @@ def read_arrow(path: Path) -> list[SourceTable]:
             columns[name] = column.cast(pa.float64()).to_pandas()
         elif not pa.types.is_nested(column.type) and not pa.types.is_binary(column.type):
             columns[name] = (column.cast(pa.string()) if _is_text(column.type) else column).to_pandas()
-    return [SourceTable(path.name, pd.DataFrame(columns), units, notes=tuple(notes))] if columns else []
+    return [SourceTable(path.name, pd.DataFrame(columns, copy=False), units, notes=tuple(notes))] if columns else []
+
+
+def _arrow_columns(path: Path) -> Iterator[tuple[str, pa.ChunkedArray]]:
+    try:
+        if path.suffix.casefold() in (".parquet", ".pq"):
+            with pa.parquet.ParquetFile(path) as file:
+                for name in file.schema_arrow.names:
+                    yield name, file.read(columns=[name], use_threads=False).column(0)
+        else:
+            table = pa.feather.read_table(path, use_threads=False)  # mapped into memory, unless it is compressed
+            yield from zip(table.column_names, table.columns, strict=True)
+    except (pa.ArrowException, OSError, ValueError) as error:
+        raise BadInputError(f"{path.name}: cannot be read ({first_line(error)}); expected {path.suffix}") from error
 
 
 def _is_text(kind: pa.DataType) -> bool:
