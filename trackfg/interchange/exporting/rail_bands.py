@@ -62,4 +62,4 @@ def _sigma(geometry: pd.DataFrame, centre: str, apart: str, band: Band, twist_ba
         of_apart, ratio = "twist_mm_sd", float(np.sqrt(band_variance(band, 1) / (np.pi * twist_base_m)))
     if f"{centre}_sd" not in geometry or of_apart not in geometry:
         return None
-    return np.hypot(geometry[f"{centre}_sd"].to_numpy(), 0.5 * ratio * geometry[of_apart].to_numpy())
+    return np.asarray(np.hypot(geometry[f"{centre}_sd"].to_numpy(), 0.5 * ratio * geometry[of_apart].to_numpy()))
