@@ -71,8 +71,14 @@ def least_cpu(command: list[str], repeats: int) -> tuple[float, float, float]:
 
 
 def measured(command: list[str], packages: Path | None = None) -> tuple[float, float, float]:
-    """Wall time, CPU time (s) and peak memory (GB) of one process, which imports from ``packages`` first."""
-    environment = os.environ if packages is None else {**os.environ, "PYTHONPATH": str(packages)}
+    """Wall time, CPU time (s) and peak memory (GB) of one process, which imports from ``packages`` first.
+
+    Python keeps the bytecode of what it imports, as it does for users: where the environment forbids that, every
+    process would compile all sources anew.
+    """
+    environment = {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}
+    if packages is not None:
+        environment["PYTHONPATH"] = str(packages)
     start = time.perf_counter()
     process = subprocess.Popen(command, stdout=subprocess.DEVNULL, env=environment, cwd=packages)
     _, status, usage = os.wait4(process.pid, 0)

@@ -25,6 +25,7 @@ from numpy.typing import ArrayLike
 from trackfg.errors import BadInputError
 from trackfg.geometry.grid import wave_number
 from trackfg.numerics.arrays import Array
+from trackfg.numerics.hermite import hermite_at, spline_velocities
 
 FEWEST_SAMPLES = 4
 """Samples that a cubic spline without given slopes at its ends needs."""
@@ -61,8 +62,6 @@ def resample(
     if len(node) < FEWEST_SAMPLES:
         raise BadInputError(f"{len(node)} samples that are apart; expected at least {FEWEST_SAMPLES}")
 
-    from scipy.interpolate import CubicSpline  # late: 0.2 s
-
     taps = _low_pass()
     reach = len(taps) // 2
     first, last = int(np.ceil(node[0] / step_m)), int(np.floor(node[-1] / step_m))
@@ -77,7 +76,8 @@ def resample(
         fine = np.clip(fine, node[0], node[-1])  # what stands beyond the ends is not used: see `known`
         low, high = np.searchsorted(node, fine[[0, -1]])
         near = slice(max(low - _BEYOND, 0), high + _BEYOND)
-        cells = CubicSpline(node[near], nodes.values(value, near), axis=-1)(fine)
+        at_nodes = nodes.values(value, near)
+        cells = hermite_at(fine, node[near], at_nodes, spline_velocities(node[near], at_nodes))
         for row in np.ndindex(value.shape[:-1]):
             part[row] = _decimate(cells[row], taps)
     reach_m = reach * cell

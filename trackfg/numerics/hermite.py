@@ -1,10 +1,12 @@
 """The cubic between two places with given velocities: Hermite's weights.
 
 ``p(f) = w0 p0 + w1 p1 + u0 v0 + u1 v1`` at the fraction f of an interval of T seconds has the values p0, p1 and the
-slopes v0, v1 at its ends.
+slopes v0, v1 at its ends. Cubics through many places are a spline where their velocities are chosen so.
 """
 
 from __future__ import annotations
+
+import numpy as np
 
 from trackfg.numerics.arrays import Array
 
@@ -22,3 +24,38 @@ def hermite_rates(f: Array, T: Array) -> tuple[Array, Array, Array, Array]:
     f2 = f * f
     w1 = 6.0 * (f - f2) / T
     return -w1, w1, 1.0 - 4.0 * f + 3.0 * f2, 3.0 * f2 - 2.0 * f
+
+
+def hermite_at(t: Array, times: Array, places: Array, velocities: Array) -> Array:
+    """Return the cubics between ``places`` (..., n) with ``velocities`` (..., n) at ascending ``times`` (n,), at ``t``
+    (m,): shape (..., m).
+    """
+    i = np.clip(np.searchsorted(times, t, side="right") - 1, 0, len(times) - 2)
+    T = times[i + 1] - times[i]
+    w0, w1, u0, u1 = hermite_weights((t - times[i]) / T, T)
+    along = places[..., i] * w0 + places[..., i + 1] * w1
+    return np.asarray(along + velocities[..., i] * u0 + velocities[..., i + 1] * u1)
+
+
+def spline_velocities(times: Array, places: Array) -> Array:
+    """Return the velocities with which cubics through ``places`` (..., n) at ascending ``times`` (n,), four or more,
+    are a cubic spline: shape (..., n).
+
+    Accelerations are continuous where two cubics meet, the first two cubics are one, and so are the last two ("not a
+    knot"; de Boor, *A Practical Guide to Splines* (1978), ch. IV).
+    """
+    from scipy.linalg import solve_banded  # late: most operators of the geometry work without
+
+    T = np.diff(times)
+    mean = np.diff(places) / T
+    first, last = T[0] + T[1], T[-1] + T[-2]
+    band = np.zeros((3, len(times)))
+    band[0, 1], band[0, 2:] = first, T[:-1]
+    band[1, 0], band[1, 1:-1], band[1, -1] = T[1], 2.0 * (T[:-1] + T[1:]), T[-2]
+    band[2, :-2], band[2, -2] = T[1:], last
+    right = np.empty(places.shape)
+    right[..., 1:-1] = 3.0 * (T[1:] * mean[..., :-1] + T[:-1] * mean[..., 1:])
+    right[..., 0] = ((T[0] + 2.0 * first) * T[1] * mean[..., 0] + T[0] ** 2 * mean[..., 1]) / first
+    right[..., -1] = ((T[-1] + 2.0 * last) * T[-2] * mean[..., -1] + T[-1] ** 2 * mean[..., -2]) / last
+    solved = solve_banded((1, 1), band, right.reshape(-1, len(times)).T, overwrite_ab=True, check_finite=False)
+    return np.asarray(solved.T.reshape(places.shape))

@@ -15,13 +15,13 @@ from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
-from scipy.interpolate import CubicHermiteSpline
 
 from trackfg.factors.factor_type import FactorType
 from trackfg.factors.family import Family
 from trackfg.factors.odometry import tach_excess
 from trackfg.factors.states import Kind, Odo, States, offset_in_keyframe
 from trackfg.numerics.arrays import Array
+from trackfg.numerics.hermite import hermite_at
 from trackfg.numerics.spans import true_runs
 from trackfg.output.event_sources import EventSources
 from trackfg.sensors.tach import Wheel
@@ -92,15 +92,15 @@ def wheel_excess(sources: EventSources, states: States, trajectory: pd.DataFrame
     at = trajectory["t_s"].to_numpy()
     if wheel is None or rolled is None or len(at) < 2:
         return None
-    distance = CubicHermiteSpline(at, sources.direction * trajectory["chainage_m"], trajectory["speed_mps"])
-    t = np.arange(at[0], at[-1], _STEP_S)
-    excess = _excess(wheel, sources, states, t, distance(t))
+    t, chainage = np.arange(at[0], at[-1], _STEP_S), sources.direction * trajectory["chainage_m"].to_numpy()
+    distance = hermite_at(t, at, chainage, trajectory["speed_mps"].to_numpy())
+    excess = _excess(wheel, sources, states, t, distance)
     explained = np.concatenate([[0.0], np.cumsum(rolled.data["response"] @ states.wheel[0])])
     rate = _rate(t, excess - np.interp(t, sources.t, explained))
     known = wheel.covers(t - 0.5 * _WINDOW_S) & wheel.covers(t + 0.5 * _WINDOW_S)
     count_sd = _count_sd(wheel, _speed_noise(wheel, rolled, sources.t), _WINDOW_S)
     noise = np.hypot(count_sd / _WINDOW_S, np.interp(t, at, trajectory["speed_mps_sd"]))
-    return Excess(t, excess, rate, np.abs(_rate(t, distance(t))), noise, known)
+    return Excess(t, excess, rate, np.abs(_rate(t, distance)), noise, known)
 
 
 def slip_events(

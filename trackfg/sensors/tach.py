@@ -11,7 +11,6 @@ from itertools import pairwise
 
 import numpy as np
 import pandas as pd
-from scipy.interpolate import PchipInterpolator
 from scipy.ndimage import gaussian_filter1d
 
 from trackfg.numerics.arrays import Array
@@ -71,6 +70,8 @@ class Wheel(Outlined):
     def at(self, t: Array) -> Array:
         """Nominal distance at ``t``, m; constant outside the record."""
         if self.integrates_speed or self.coarse:
+            from scipy.interpolate import PchipInterpolator  # late: 0.1 s, and most tachs count finely
+
             return np.asarray(PchipInterpolator(self.t, self.distance)(np.clip(t, self.t[0], self.t[-1])))
         return np.asarray(np.interp(t, self.t, self.distance))
 
