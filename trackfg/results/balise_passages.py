@@ -15,6 +15,7 @@ import numpy as np
 import pandas as pd
 
 from trackfg.numerics.key_figures import Outlined
+from trackfg.results.soundness import LEAST_SIGMA
 
 if TYPE_CHECKING:
     from trackfg.numerics.arrays import Array
@@ -59,8 +60,8 @@ class BalisePassages(Outlined):
         planned = self.table[["planned_m", "planned_m_sd"]].to_numpy(dtype=np.float64)
         if not (np.abs(numbers) <= _LARGEST_M).all() or (np.abs(planned) > _LARGEST_M).any():
             raise ValueError("passages: expected finite numbers")
-        if (self.table["reading_m_sd"] <= 0.0).any() or (self.table["planned_m_sd"] <= 0.0).any():
-            raise ValueError("passages: expected sigmas above 0")
+        if (self.table[["reading_m_sd", "planned_m_sd"]] < LEAST_SIGMA).any(axis=None):
+            raise ValueError(f"passages: expected sigmas of {LEAST_SIGMA:g} m or more")
         scale = max(float(np.abs(self.covariance).max(initial=0.0)), 1e-12)
         skew = np.abs(self.covariance - self.covariance.T).max(initial=0.0)
         if not (np.isfinite(scale) and skew <= _ROUNDING * scale):

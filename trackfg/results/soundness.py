@@ -9,6 +9,8 @@ import pandas as pd
 
 _GREATEST = 1e12
 """Greatest magnitude of a value or a sigma, in the columns' units: its square, and sums of squares, stay finite."""
+LEAST_SIGMA = 1e-15
+"""Least sigma, in the columns' units: no quantity is known as well, and its weight stays finite."""
 
 
 def refuse_unsound(
@@ -16,9 +18,9 @@ def refuse_unsound(
 ) -> None:
     """Raise ``ValueError``, naming table, column and row, unless the numbers of a table are sound.
 
-    All are at most :data:`_GREATEST` in magnitude, sigmas above 0; column ``ascending`` rises from row to row. Where
-    the table is ``complete`` every number is there; else a value may be NaN where it is not known, and its sigma with
-    it. Without ``sigmas`` these may be NaN beside a value, too.
+    All are at most :data:`_GREATEST` in magnitude, sigmas at least :data:`LEAST_SIGMA`; column ``ascending`` rises from
+    row to row. Where the table is ``complete`` every number is there; else a value may be NaN where it is not known,
+    and its sigma with it. Without ``sigmas`` these may be NaN beside a value, too.
     """
     for name in table.columns:
         if table[name].dtype.kind not in "fiu":
@@ -30,6 +32,7 @@ def refuse_unsound(
         _refuse(what, name, values, ~missing & ~(np.abs(values) <= _GREATEST), f"at most {_GREATEST:g}")
         if name.endswith("_sd"):
             _refuse(what, name, values, ~missing & ~(values > 0.0), "a sigma above 0")
+            _refuse(what, name, values, values < LEAST_SIGMA, f"a sigma of {LEAST_SIGMA:g} or more")
             value_missing = table[name.removesuffix("_sd")].isna().to_numpy()
             if sigmas:
                 _refuse(what, name, values, missing & ~value_missing, "a sigma beside every value")

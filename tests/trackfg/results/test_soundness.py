@@ -43,6 +43,7 @@ SPOILT: dict[str, tuple[Spoil, str]] = {
     "a speed that is none": (put("trajectory", "speed_mps", np.nan), r"'speed_mps', row 4: is nan"),
     "an infinite sigma": (put("trajectory", "roll_rad_sd", np.inf), r"'roll_rad_sd', row 4: is inf"),
     "a sigma of zero": (put("trajectory", "chainage_m_sd", 0.0), "expected a sigma above 0"),
+    "a sigma whose weight is infinite": (put("geometry", "twist_mm_sd", 5e-324), "expected a sigma of 1e-15 or more"),
     "a negative sigma": (put("geometry", "twist_mm_sd", -1.0), "expected a sigma above 0"),
     "a value without a sigma": (put("geometry", "twist_mm_sd", np.nan), "expected a sigma beside every value"),
     "a place without chainage": (put("geometry", "chainage_m", np.nan), "expected a number"),
