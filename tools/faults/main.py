@@ -148,12 +148,16 @@ def _outcome_of(case: Case, base: Base) -> Outcome:
 def _run(options: argparse.Namespace, base: Base) -> list[Outcome]:
     names = tuple(options.entries), tuple(options.faults)
     cases = [case_of(number, options.seed, *names) for number in range(options.cases)]
-    ends = []
-    for end in _ends(cases, base, options.jobs):
-        if end.failure is not None:
-            print(f"FAILURE {end.case}  trackfg {end.command}\n  {end.failure}\n  {'; '.join(end.done)}")
-            print("    " + end.detail.strip()[-1500:].replace("\n", "\n    "), flush=True)
-        ends.append(end)
+    ends: list[Outcome] = []
+    try:
+        for end in _ends(cases, base, options.jobs):
+            if end.failure is not None:
+                print(f"FAILURE {end.case}  trackfg {end.command}\n  {end.failure}\n  {'; '.join(end.done)}")
+                print("    " + end.detail.strip()[-1500:].replace("\n", "\n    "), flush=True)
+            ends.append(end)
+    finally:
+        if len(ends) < len(cases):
+            print(f"ended after {len(ends)} of {len(cases)} cases", flush=True)
     return ends
 
 
