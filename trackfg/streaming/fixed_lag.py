@@ -41,7 +41,7 @@ from trackfg.streaming.late_clocks import clock_doubts
 from trackfg.streaming.locating.map_locator import MapLocator
 from trackfg.streaming.roll_test import RollTest
 from trackfg.streaming.rows import Rows
-from trackfg.streaming.sigma_test import SigmaTest
+from trackfg.streaming.sigma_test import SigmaTest, fix_doubts
 from trackfg.streaming.tables.smoothed_tables import SmoothedTables, TableInput, Tables
 from trackfg.streaming.vibration_test import VibrationTest
 from trackfg.streaming.window.moving_window import LostWindow, MovingWindow
@@ -187,6 +187,7 @@ class FixedLagSmoother:
         last = self._tested(_estimates_of(_table([] if update is None else [self._filtered_row(update)]), outputs))
         until, running = self._buffer.until, self._moving.running
         doubts = (*self._sigma_test.events(until), *self._roll_test.events(until))
+        doubts += fix_doubts(self._moving.votes.tested, self._moving.votes.squares, until)
         if running is not None:
             doubts += self._vibration_test.events(until, running.context.conventions)
             doubts += clock_doubts(running.newest.states.clock[0], self.config, until)

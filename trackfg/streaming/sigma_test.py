@@ -4,6 +4,9 @@ The filtered estimate of a moment uses the rows up to it, the smoothed one also 
 is right, they differ by an error of covariance ``P_filtered - P_smoothed`` (Bar-Shalom, Li and Kirubarajan, "Estimation
 with applications to tracking and navigation", 2001, ch. 8). Squares of the whitened differences are summed along the
 stream, and products of neighbours, whose correlation gives the number of independent differences.
+
+What lasts longer than the lag shows where a fix comes. Its innovation has the variance that was predicted, if the model
+is right (ibid., ch. 5), and innovations are independent.
 """
 
 from __future__ import annotations
@@ -32,6 +35,9 @@ _LEAST_RATIO = 1.3
 
 _ALSO: dict[str, tuple[Quantity, ...]] = {"roll": ("cross_level",), "pitch": ("gradient",)}
 """Quantities of the track that are the same angle, and doubted with it."""
+
+_ADVICE = "multiply the sigmas by as much, or smooth the recording"
+"""What a user may do where sigmas are too small."""
 
 _LASTING = 0.999
 """Greatest correlation of neighbours that is assumed, so that the number of independent differences stays above 0."""
@@ -93,11 +99,23 @@ class SigmaTest:
         return float(np.sqrt(mean)) if exceeds_chance(mean, degrees, _CHANCE) else 1.0
 
 
+def fix_doubts(number: int, squares: float, until_s: float) -> tuple[Event, ...]:
+    """Return an event if fixes are further from the predicted chainage than chance allows.
+
+    ``squares``: the sum of the squares of ``number`` innovations, each in its own variances. The event is known at the
+    end of a stream, ``until_s``.
+    """
+    mean = squares / max(number, 1)
+    if mean < _LEAST_RATIO**2 or not exceeds_chance(mean, number, _CHANCE):
+        return ()
+    doubt = f"chainage, speed: fixes are {np.sqrt(mean):.1f} times as far from where they were expected as sigmas allow"
+    return (Event(DOUBT, t_s=until_s, detail=f"{doubt}: {_ADVICE}"),)
+
+
 def _doubt(quantity: Quantity, ratio: float, until_s: float) -> Event:
     names = ", ".join((quantity, *_ALSO.get(quantity, ())))
     doubt = f"{names}: smoothed and filtered estimates differ by {ratio:.1f} times what their sigmas allow"
-    advice = "multiply the sigmas by as much, or smooth the recording"
-    return Event(DOUBT, t_s=until_s, detail=f"{doubt}: {advice}")
+    return Event(DOUBT, t_s=until_s, detail=f"{doubt}: {_ADVICE}")
 
 
 def _in_sigmas(filtered: Array, smoothed: Array, column: int, *, is_angle: bool) -> Array:

@@ -8,7 +8,7 @@ import pytest
 
 from trackfg.results.columns import TRAJECTORY_COLUMNS
 from trackfg.results.events import DOUBT
-from trackfg.streaming.sigma_test import SigmaTest
+from trackfg.streaming.sigma_test import SigmaTest, fix_doubts
 
 FILTERED_SD, SMOOTHED_SD = 0.5, 0.3
 """Their difference has the sigma 0.4."""
@@ -62,3 +62,14 @@ def test_few_differences_that_last_may_be_chance() -> None:
 
 def test_directions_on_both_sides_of_the_cut_are_near() -> None:
     assert put_through(0.4, yaw=1.0).events(400.0) == ()
+
+
+def test_fixes_further_off_than_predicted_are_a_doubt() -> None:
+    (event,) = fix_doubts(3, 0.9**2 + 1.3**2 + 4.6**2, 600.0)
+    assert (event.kind, event.t_s) == (DOUBT, 600.0)
+    assert event.detail.startswith("chainage, speed: fixes are 2.8 times as far")
+
+
+@pytest.mark.parametrize(("number", "square"), [(0, 0.0), (1, 2.5**2), (30, 30.0), (2, 2.0**2 + 2.5**2)])
+def test_fixes_as_far_off_as_chance_allows_are_none(number: int, square: float) -> None:
+    assert fix_doubts(number, square, 600.0) == ()

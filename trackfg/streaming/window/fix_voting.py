@@ -67,7 +67,9 @@ class FixVotes:
     ``distance_scale_covariance`` (2, 2): of the newest keyframe's distance (m) and wheel scale. ``newest_m``: position
     of the newest fix; one that is read again at rest is no second vote. ``agreed_m``, ``agreed_s``: place and time of
     the newest one that agreed. ``creep``: what a fix has shown and has not been popped; the scale walks by
-    ``walk_per_sqrt_m`` until ``walks_for`` more fixes agree. ``written_s``: up to when
+    ``walk_per_sqrt_m`` until ``walks_for`` more fixes agree. ``tested``,
+    ``squares``: the number of fixes that agreed after the first, and the sum of the squares of their innovations in
+    variances. ``written_s``: up to when
     estimates are written; ``placed_s``: since when they have the accepted position, None without any. ``events``: those
     that have not been popped, ``shift_m`` a shift of the position that has not been.
     """
@@ -78,6 +80,8 @@ class FixVotes:
     newest_m: float | None = None
     agreed_m: float | None = None
     agreed_s: float = 0.0
+    tested: int = 0
+    squares: float = 0.0
     written_s: float = -np.inf
     placed_s: float | None = None
     creep: Creep | None = None
@@ -150,6 +154,8 @@ class FixVotes:
             self.newest_m = position
             if abs(innovation) <= GATE * sd:
                 if not repeated:
+                    if self.votes:
+                        self.tested, self.squares = self.tested + 1, self.squares + (innovation / sd) ** 2
                     self._count_agreement(position, interval.t)
                 continue
             if wheels_alone and not repeated and not shift_m and self._has_crept(innovation, sd, position, interval.t):
