@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import astuple, dataclass
+from dataclasses import dataclass
+from operator import attrgetter
 
 import numpy as np
 import pandas as pd
@@ -78,7 +79,9 @@ _TYPES = {
 
 def events_frame(events: Iterable[Event]) -> pd.DataFrame:
     """Return a table of one row per event and one column per field, NaN for what is not known."""
-    return pd.DataFrame([astuple(event) for event in events], columns=list(_TYPES)).astype(_TYPES)
+    columns = list(zip(*map(attrgetter(*_TYPES), events), strict=True)) or [()] * len(_TYPES)
+    made = zip(_TYPES.items(), columns, strict=True)
+    return pd.DataFrame({name: pd.Series(values, dtype=kind) for (name, kind), values in made})
 
 
 def no_events() -> pd.DataFrame:

@@ -214,7 +214,7 @@ class ImuClock:
     def _is_beside(self, row: Array) -> bool:
         """Return whether another row was near the time of this one."""
         (near,), (same,) = self._beside(row)
-        return bool(near <= _BESIDE * self._interval_s and not same)
+        return bool(not same and near <= _BESIDE * self._interval_s)
 
     def _beside(self, rows: Array) -> tuple[Array, np.ndarray]:
         """Return how far in time each row is from the nearest recent one, s, and whether that is the same row."""

@@ -71,10 +71,10 @@ class JsonLines:
         self._stream: Any = None if isinstance(target, Path | str) else target
 
     def write(self, table: str, frame: pd.DataFrame) -> None:
-        """Write and flush the rows."""
-        text = json_lines(table, frame)
-        if not text:
+        """Write and flush the rows, if there are any."""
+        if not len(frame):
             return
+        text = json_lines(table, frame)
         if self._file is not None:
             self._file.append(text.encode())
             return
