@@ -111,7 +111,7 @@ def gaps(t: Array, place: ColumnPlace, warning_s: float, error_s: float | None) 
     ]
 
 
-def not_positive(sd: Array, place: ColumnPlace) -> list[Finding]:
+def unusable_sigmas(sd: Array, place: ColumnPlace) -> list[Finding]:
     """Sigmas that are zero or negative, or too small for any place; one finding for each kind."""
     hint = "write the 1-sigma error in m"
     tiny, expected = (sd > 0) & (sd < SMALLEST_SIGMA_M), f"{SMALLEST_SIGMA_M:g} m or more"

@@ -98,7 +98,7 @@ def _places(folder: Path, file: str, part: Balises) -> tuple[pd.DataFrame | None
         return None, findings
     for values, name in ((chainage, part.chainage), (sd, part.sd)):
         findings += checks.not_finite(np.where(np.isnan(values), 0.0, values), ColumnPlace(file, name))
-    findings += checks.not_positive(sd, ColumnPlace(file, part.sd))
+    findings += checks.unusable_sigmas(sd, ColumnPlace(file, part.sd))
     rows = pd.DataFrame(dict(zip(PLACE_COLUMNS, (ids, chainage, sd), strict=True)))
     first = rows.groupby("id", sort=False)[list(PLACE_COLUMNS[1:])].transform("first")
     for name, column in zip(PLACE_COLUMNS[1:], (part.chainage, part.sd), strict=True):

@@ -241,8 +241,9 @@ class FixedLagSmoother:
     def _work_due(self, *, at_end: bool = False) -> list[PassOutput]:
         """Do what is due besides filtered rows: a relinearisation pass, and the next piece of the tables."""
         step = self._moving.relinearise_if_due(at_end=at_end)
+        shift_m = self._moving.votes.pop_shift()
         if self._tables is not None:
-            self._tables.history.shift(self._moving.votes.pop_shift())
+            self._tables.history.shift(shift_m)
         if (lost := self._moving.pop_lost()) is not None:
             return [self._after_loss(lost)]
         if step is None:

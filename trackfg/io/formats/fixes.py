@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import pandas as pd
 
-from trackfg.checks.columns import ColumnPlace, not_positive
+from trackfg.checks.columns import ColumnPlace, unusable_sigmas
 from trackfg.io.formats.sensor_format import Converter, ReadColumns, SensorFormat, WrittenTable
 from trackfg.numerics.arrays import Array
 from trackfg.recording.description import Fixes
@@ -40,7 +40,7 @@ class FixesFormat(SensorFormat[Fixes]):
     def value_faults(self, part: Fixes, read: ReadColumns) -> list[Finding]:
         """Sigmas that are not positive."""
         sd = read.named[part.sd]
-        return [] if sd is None else not_positive(sd, ColumnPlace(part.file, part.sd, read.t))
+        return [] if sd is None else unusable_sigmas(sd, ColumnPlace(part.file, part.sd, read.t))
 
     def written(self, part: Fixes, table: pd.DataFrame) -> WrittenTable:
         """Write the table as it is in memory."""

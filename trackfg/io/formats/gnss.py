@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from trackfg.checks.columns import ColumnPlace, not_positive, outside
+from trackfg.checks.columns import ColumnPlace, outside, unusable_sigmas
 from trackfg.io.formats.sensor_format import Converter, Impossible, ReadColumns, SensorFormat, WrittenTable
 from trackfg.numerics.arrays import Array
 from trackfg.recording import canonical
@@ -62,7 +62,7 @@ class GnssFormat(SensorFormat[Gnss]):
         faults = []
         for name in part.sd:
             if (sd := read.named[name]) is not None:
-                faults += not_positive(sd, ColumnPlace(part.file, name, read.t))
+                faults += unusable_sigmas(sd, ColumnPlace(part.file, name, read.t))
         if part.frame == "geodetic":
             for name, limit in zip(part.position, (_LATITUDES_DEG, _LONGITUDES_DEG), strict=False):
                 if (degrees := read.named[name]) is not None:

@@ -67,11 +67,10 @@ class FixVotes:
     ``distance_scale_covariance`` (2, 2): of the newest keyframe's distance (m) and wheel scale. ``newest_m``: position
     of the newest fix; one that is read again at rest is no second vote. ``agreed_m``, ``agreed_s``: place and time of
     the newest one that agreed. ``creep``: what a fix has shown and has not been popped; the scale walks by
-    ``walk_per_sqrt_m`` until ``walks_for`` more fixes agree. ``tested``,
-    ``squares``: the number of fixes that agreed after the first, and the sum of the squares of their innovations in
-    variances. ``written_s``: up to when
-    estimates are written; ``placed_s``: since when they have the accepted position, None without any. ``events``: those
-    that have not been popped, ``shift_m`` a shift of the position that has not been.
+    ``walk_per_sqrt_m`` until ``walks_for`` more fixes agree. ``tested``, ``squares``: the number of fixes that agreed
+    after the first, and the sum of the squares of their innovations in variances. ``written_s``: up to when estimates
+    are written; ``placed_s``: since when they have the accepted position, None without any. ``events`` have not been
+    popped, nor has ``shift_m``, by which the position shifted.
     """
 
     votes: int = 0
@@ -169,7 +168,7 @@ class FixVotes:
         parted = (fixes.take(~withheld), withheld_fix(fixes.take(withheld)))
         return interval._replace(families=(*others, *(family for family in parted if len(family)))), shift_m
 
-    def leave_place(self, shift_m: float) -> None:
+    def _leave_place(self, shift_m: float) -> None:
         """Doubt what is written of the place that is left for one ``shift_m`` further along the track."""
         self.shift_m += shift_m
         if self.placed_s is not None and self.placed_s < self.written_s:
@@ -224,6 +223,7 @@ class FixVotes:
             self.votes, self.rivals = MOST_VOTES, _with_vote_less(self.rivals)
         detail = f"{'1 fix agrees' if votes == 1 else f'{votes} fixes agree'} on a place {innovation:+.1f} m on"
         self.events += (Event("place-changed", "fixes", t, t, 0, detail),)
+        self._leave_place(innovation)
         return innovation
 
     def _nearest_rival(self, further_m: float, sd_m: float) -> Rival | None:

@@ -296,7 +296,6 @@ class RunningWindow:
 
     def _jump_along_track(self, interval: Interval, shift_m: float) -> FilterUpdate:
         """Shift the window along the track, where the votes of the fixes say so, and estimate the next keyframe."""
-        self.votes.leave_place(shift_m)
         begins = [self.window.states.take(slice(-1, None)), *(added.predicted for added in self.added)]
         *self.added, interval = (
             shift_interval(added, begin, shift_m) for added, begin in zip([*self.added, interval], begins, strict=True)
