@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from math import erf
+from typing import NamedTuple
 
 import numpy as np
 
@@ -26,6 +27,16 @@ _BELOW_DECLARED = 4.0
 """A sensor's noise may be so many times smaller than declared."""
 SAME = 5e-11
 """Values nearer than this, in any unit of an angular rate or acceleration, are equal: rounding in the sensor's axes."""
+
+
+class BlockStatistics(NamedTuple):
+    """Statistics after each of b blocks, all (b, 6): see :class:`ChannelStatistics`."""
+
+    centre: Array
+    furthest: Array
+    finest: Array
+    noise: Array
+    repeated: Array
 
 
 @dataclass
@@ -62,20 +73,36 @@ class ChannelStatistics:
             self.filled += len(part)
             rows = rows[len(part) :]
             if self.filled == BLOCK_ROWS:
-                self._learn_block(self.rows[:, 0], self.rows[:, 1:])
+                if self.interval_s is None:
+                    self.interval_s = float(self.rows[-1, 0] - self.rows[0, 0]) / (BLOCK_ROWS - 1)
+                    self.noise = self.white / (_BELOW_DECLARED * np.sqrt(self.interval_s))
+                self.become(self.after(self.rows[None, :, 1:]), 0)
                 self.filled = 0
 
-    def _learn_block(self, t: Array, x: Array) -> None:
-        if self.interval_s is None:
-            self.interval_s = float(t[-1] - t[0]) / (BLOCK_ROWS - 1)
-            self.noise = self.white / (_BELOW_DECLARED * np.sqrt(self.interval_s))
-        ordered = np.sort(x.T)
-        steps, apart = x[1:] - x[:-1], ordered[:, 1:] - ordered[:, :-1]
+    def after(self, blocks: Array) -> BlockStatistics:
+        """Return what the statistics are after each of these further blocks, (b, BLOCK_ROWS, 6)."""
+        ordered = np.sort(np.swapaxes(blocks, 1, 2))
+        steps, apart = blocks[:, 1:] - blocks[:, :-1], np.diff(ordered)
         apart[apart <= SAME] = np.inf
-        self.repeated = np.maximum(self.repeated, np.count_nonzero(steps == 0.0, axis=0) / len(steps))
-        self.finest = np.minimum(self.finest, apart.min(axis=1))
-        self.noise = np.minimum(self.noise, np.sqrt(0.5 * np.einsum("ij,ij->j", steps, steps) / len(steps)))
+        centre = ordered[:, :, BLOCK_ROWS // 2]
+        furthest = np.maximum(centre - ordered[:, :, 0], ordered[:, :, -1] - centre)
+        noise = np.sqrt(0.5 * np.sum(steps * steps, axis=1) / steps.shape[1])
+        repeated = np.count_nonzero(steps == 0.0, axis=1) / steps.shape[1]
+        return BlockStatistics(
+            centre,
+            _running(np.maximum, self.furthest, furthest),
+            _running(np.minimum, self.finest, apart.min(axis=2)),
+            _running(np.minimum, self.noise, noise),
+            _running(np.maximum, self.repeated, repeated),
+        )
+
+    def become(self, after: BlockStatistics, block: int) -> None:
+        """Become what the statistics are after one of the blocks."""
+        self.centre, self.furthest, self.finest, self.noise, self.repeated = (part[block] for part in after)
         each = zip(self.repeated.tolist(), self.finest.tolist(), self.noise.tolist(), strict=True)
         self.chance = [max(share, erf(q / (np.sqrt(8.0) * s)) if s > 0.0 else 1.0) for share, q, s in each]
-        self.centre = ordered[:, BLOCK_ROWS // 2]
-        self.furthest = np.maximum(self.furthest, np.abs(ordered[:, [0, -1]].T - self.centre).max(axis=0))
+
+
+def _running(extreme: np.ufunc, before: Array, of_blocks: Array) -> Array:
+    """Return the extreme of what was ``before`` (6,) and of all blocks up to each, (b, 6)."""
+    return np.asarray(extreme(before, extreme.accumulate(of_blocks)))

@@ -15,10 +15,10 @@ from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
-from scipy.fft import next_fast_len
 from scipy.ndimage import gaussian_filter1d
 
 from trackfg.numerics.arrays import Array
+from trackfg.numerics.convolution import fast_length
 from trackfg.numerics.robust import jackknife_sd
 from trackfg.recording.model import Recording
 from trackfg.sensors.averages import Motion, averaged, band_passed
@@ -179,7 +179,7 @@ def lagged_correlation(a: Array, b: Array, max_lag: float) -> tuple[Array, Array
 
 def _products(a: Array, b: Array, lags: np.ndarray) -> Array:
     """Return ``sum_i a[i + l] b[i]`` of two signals of one length at each lag l, by FFT. (n,), (n,), (m,) to (m,)."""
-    length = next_fast_len(a.size + int(np.abs(lags).max()), real=True)  # a prime one of a day would take minutes
+    length = fast_length(a.size + int(np.abs(lags).max()))  # a prime one of a day would take minutes
     both = np.fft.irfft(np.fft.rfft(a, length) * np.conj(np.fft.rfft(b, length)), length)
     return np.asarray(both[lags])
 

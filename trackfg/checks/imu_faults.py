@@ -21,7 +21,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from trackfg.checks.channel_statistics import ChannelStatistics
+from trackfg.checks.channel_statistics import BLOCK_ROWS, ChannelStatistics
 from trackfg.checks.limits import CheckLimits
 from trackfg.checks.stuck_value import StuckValue
 from trackfg.numerics.arrays import Array
@@ -37,6 +37,8 @@ _FAR = 10.0
 """A value so many times further from its centre than any before is far beyond."""
 _BELIEVED_S = 0.5
 """Values that are far beyond for longer are believed, s: something has changed."""
+_MOST_BLOCKS = 64
+"""So many blocks of rows are judged at once, while none holds anything odd: their values stay in the cache."""
 _DIGITS = 11
 """Digits after the point of values turned back to the sensor's axes: rounding must not tell equal ones apart."""
 
@@ -91,7 +93,15 @@ class ImuFaultDetector:
     def take(self, rows: Array) -> tuple[Array, list[ImuFault]]:
         """Take the next rows (n, 7), in order; return the measurements that are known to be such, and the faults."""
         measurements, faults = [np.empty((0, 7))], list[ImuFault]()
+        blocks = 1
         while rows.shape[0]:
+            plain = self._take_plain_blocks(rows[: blocks * BLOCK_ROWS])
+            if plain:
+                measurements.append(rows[: plain * BLOCK_ROWS])
+                rows = rows[plain * BLOCK_ROWS :]
+                blocks = min(2 * blocks, _MOST_BLOCKS)
+                continue
+            blocks = 1
             count = max(self.statistics.room - len(self.held), 1)
             sensed = self.in_sensor_axes(rows[:count])
             wild = np.abs(sensed[:, 1:] - self.centre) > self.limit
@@ -105,6 +115,26 @@ class ImuFaultDetector:
                 self.far = max(self.far - 1, 0)
                 measurements.append(self._judge(part, sensed, faults))
         return measurements[1] if len(measurements) == 2 else np.concatenate(measurements), faults
+
+    def _take_plain_blocks(self, rows: Array) -> int:
+        """Take the first whole blocks of rows in which nothing is odd, and return how many: the usual ones, quickly."""
+        statistics = self.statistics
+        if len(rows) < BLOCK_ROWS or statistics.filled or statistics.interval_s is None or self.far or self._suspects:
+            return 0
+        values = self.in_sensor_axes(rows[: len(rows) // BLOCK_ROWS * BLOCK_ROWS])[:, 1:]
+        count = _blocks_before(self._same(values))
+        blocks = values[: count * BLOCK_ROWS].reshape(count, BLOCK_ROWS, 6)
+        if count:
+            after = statistics.after(blocks)
+            centre = np.concatenate([self.centre[None], after.centre[:-1]])
+            limit = np.concatenate([self.limit[None], self._limits(after.furthest[:-1])])
+            count = _blocks_before((np.abs(blocks - centre[:, None]) > limit[:, None]).reshape(-1, 6))
+        if count:
+            statistics.become(after, count - 1)
+            self._set_limits()
+            self.before = blocks[count - 1, -1].copy()
+            self.count += count * BLOCK_ROWS
+        return count
 
     def finish(self) -> Array:
         """Return the rows that wait, at the end: they were not found to be faults."""
@@ -140,18 +170,31 @@ class ImuFaultDetector:
 
     def _set_limits(self) -> None:
         if self.statistics.interval_s is not None:
-            self.centre = self.statistics.centre
-            self.limit = np.clip(_FAR * self.statistics.furthest, self.usual, self.possible)
+            self.centre, self.limit = self.statistics.centre, self._limits(self.statistics.furthest)
 
-    def _judge(self, rows: Array, sensed: Array, faults: list[ImuFault]) -> Array:
-        values = sensed[:, 1:]
+    def _limits(self, furthest: Array) -> Array:
+        """Return how far from its centre a value may be, from how far any has been so far."""
+        return np.clip(_FAR * furthest, self.usual, self.possible)
+
+    @property
+    def _suspects(self) -> bool:
+        """Whether a channel shows a value that it has shown before."""
+        return any(plateau.level is not None for plateau in self.plateaus)
+
+    def _same(self, values: Array) -> np.ndarray:
+        """Return where values (n, 6) are those of the row before."""
         same = np.empty(values.shape, dtype=bool)
         np.equal(values[1:], values[:-1], out=same[1:])
         np.equal(values[0], self.before, out=same[0])
+        return same
+
+    def _judge(self, rows: Array, sensed: Array, faults: list[ImuFault]) -> Array:
+        values = sensed[:, 1:]
+        same = self._same(values)
         before, self.before = self.before, values[-1].copy()
         begin = self.count
         self.count += len(rows)
-        if all(plateau.level is None for plateau in self.plateaus) and not same.any():
+        if not self._suspects and not same.any():
             self._learn(sensed)
             return rows
         every = np.concatenate([self.held, rows])
@@ -181,6 +224,12 @@ class ImuFaultDetector:
         self.statistics.learn(sensed)
         if completes:
             self._set_limits()
+
+
+def _blocks_before(odd: np.ndarray) -> int:
+    """Return how many blocks come before the first with anything odd. ``odd``: of values (n, 6) of whole blocks."""
+    first = odd.any(axis=1).argmax() if odd.any() else len(odd)
+    return int(first) // BLOCK_ROWS
 
 
 def without_imu_faults(recording: Recording, limits: CheckLimits) -> Recording:

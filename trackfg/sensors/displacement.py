@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
 from typing import Literal
 
@@ -37,7 +38,7 @@ class Channel:
     displacement: Array
     integral: Array
 
-    @property
+    @cached_property
     def rate_hz(self) -> float:
         """Readings a second."""
         return 1.0 / float(np.median(np.diff(self.t)))

@@ -119,14 +119,20 @@ def find_standstills(
 
 @dataclass(frozen=True)
 class _Samples:
-    """Inertial samples at ``t`` (n,), s, and what the tach shows are looked at only where a rest may be."""
+    """Inertial samples at ``t`` (n,), s, and what the tach shows are looked at only where a rest may be.
+
+    ``wheel``: times, s, and distances, m, of the tach; None where there are fewer than two.
+    """
 
     t: Array
+    wheel: tuple[Array, Array] | None
     recording: Recording
 
     @classmethod
     def of(cls, recording: Recording) -> _Samples:
-        return cls(recording.imu["t_s"].to_numpy(), recording)
+        tach = recording.tach
+        wheel = None if tach is None or len(tach) < 2 else (tach["t_s"].to_numpy(), tach["distance_m"].to_numpy())
+        return cls(recording.imu["t_s"].to_numpy(), wheel, recording)
 
     def means(self, times: Array) -> tuple[Array, Array]:
         """Return mean and variance (m - 1, 7) of rate, force and the tach's speed between neighbouring times (m,), s.
@@ -146,16 +152,16 @@ class _Samples:
 
     def _signals(self, rows: slice) -> Array:
         """Return rates, forces and the tach's speed of some samples, (m, 7)."""
-        t, tach, imu = self.t, self.recording.tach, self.recording.imu
+        t, imu = self.t, self.recording.imu
         signals = np.zeros((len(t[rows]), 7))
         for column, name in enumerate(IMU_COLUMNS[1:]):
             signals[:, column] = imu[name].to_numpy()[rows]
-        if tach is not None and len(tach) > 1 and len(t) > 1 and len(signals):
+        if self.wheel is not None and len(t) > 1 and len(signals):
             near = t[max(rows.start - 1, 0) : rows.stop + 1]
             edges = np.concatenate([near[:1], 0.5 * (near[1:] + near[:-1]), near[-1:]])
             first = min(rows.start, 1)
             edges = edges[first : first + len(signals) + 1]
-            signals[:, 6] = np.diff(np.interp(edges, *tach[["t_s", "distance_m"]].to_numpy().T)) / np.diff(edges)
+            signals[:, 6] = np.diff(np.interp(edges, *self.wheel)) / np.diff(edges)
         return signals
 
 
