@@ -259,12 +259,14 @@ def _first_pass(
 
     Slips spoil the attitude of the initial path, and by it the speed that shows them: where there are any, once more.
     """
-    found, guide = None, wheel
+    found, guide, quantum = None, wheel, None if wheel is None else wheel.quantum
     if wheel is None and recording.gnss is None and not speedless:
         recording = with_distance_by_speed(recording)
         guide = read_wheel(recording, config.tach.max_gap_s)
     for attempt in range(3):
-        rests = np.zeros((0, 2)) if speedless else find_standstills(recording, config.motion.min_rest_s)
+        rests = np.zeros((0, 2))
+        if not speedless:
+            rests = find_standstills(recording, config.motion.min_rest_s, quantum_m=quantum)
         rests = data.edges[nearest(data.edges, rests.ravel())].reshape(-1, 2)
         rests = rests[rests[:, 1] > rests[:, 0]]  # a tach may go on after the inertial sensor
         wheel = None if wheel is None else wheel.standing(rests)

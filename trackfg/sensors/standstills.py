@@ -95,11 +95,15 @@ _LEAST_CHANGE_MPS = 1.5
 
 
 def find_standstills(
-    recording: Recording, min_duration_s: float = SHORTEST_S, *, silent_at_rest: bool | None = None
+    recording: Recording,
+    min_duration_s: float = SHORTEST_S,
+    *,
+    silent_at_rest: bool | None = None,
+    quantum_m: float | None = None,
 ) -> Array:
     """Spans of rest as rows (start, end), s, in order, each at least ``min_duration_s`` long. Shape (m, 2).
 
-    ``silent_at_rest``: whether the tach has no rows at rest; by default its rows show it.
+    ``silent_at_rest`` and ``quantum_m`` are as for :func:`tach_rests`.
     """
     samples = _Samples.of(recording)
     tach, gnss = recording.tach, recording.gnss
@@ -111,7 +115,13 @@ def find_standstills(
         description = recording.description.tach
         integrates_speed = description is not None and description.integrates_speed
         record = (float(samples.t[0]), float(samples.t[-1]))
-        found = tach_rests(tach, record, integrates_speed=integrates_speed, silent_at_rest=silent_at_rest)
+        found = tach_rests(
+            tach,
+            record,
+            integrates_speed=integrates_speed,
+            silent_at_rest=silent_at_rest,
+            quantum_m=quantum_m,
+        )
         spans = _confirmed(samples, found.spans[_felt(samples, found)], noise_hides_starts=integrates_speed)
     lasting = [(begin, end) for begin, end in spans if end - begin >= min_duration_s]
     return np.array(lasting, dtype=np.float64).reshape(-1, 2)

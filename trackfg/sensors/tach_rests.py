@@ -91,15 +91,21 @@ class Candidates:
 
 
 def tach_rests(
-    tach: pd.DataFrame, record: tuple[float, float], *, integrates_speed: bool, silent_at_rest: bool | None
+    tach: pd.DataFrame,
+    record: tuple[float, float],
+    *,
+    integrates_speed: bool,
+    silent_at_rest: bool | None = None,
+    quantum_m: float | None = None,
 ) -> Candidates:
     """Return where the tach may be at rest within the inertial ``record`` (start, end), s.
 
     A rest at the first or the last row reaches to that end of ``record`` where that is within 2 s, or where the tach
-    has no rows at rest (``silent_at_rest``; by default its rows show it).
+    has no rows at rest (``silent_at_rest``). ``quantum_m`` is the distance of a count. By default the rows show both;
+    those of a distance without its slips do not.
     """
     t, distance = tach["t_s"].to_numpy(), tach["distance_m"].to_numpy()
-    quantum = 0.0 if integrates_speed else tach_quantum_m(tach)
+    quantum = 0.0 if integrates_speed else tach_quantum_m(tach) if quantum_m is None else quantum_m
     if silent_at_rest is None:
         silent_at_rest = rows_are_pulses(t, distance, quantum)
     t0, t1 = record

@@ -23,3 +23,19 @@ def test_a_speed_in_steps_is_at_rest_once_the_vehicle_is(step_mps: float, jerk: 
     tach = pd.DataFrame({"t_s": t, "distance_m": distance})
     spans = tach_rests(tach, (0.0, 60.0), integrates_speed=True, silent_at_rest=None).spans
     assert spans == pytest.approx(np.array([[20.0, 40.0]]), abs=0.2)
+
+
+def test_a_count_without_its_slips_rests_as_before() -> None:
+    """The rows of a distance without a slip are no multiples of a count, which is given then.
+
+    Of 0.03 m, at a jerk of 0.3 m/s^3: the count stands for up to 0.6 s while the vehicle still moves.
+    """
+    quantum, t = 0.03, np.arange(0.0, 60.0, 0.02)
+    away = np.maximum(np.abs(t - 30.0) - 10.0, 0.0)
+    tach = pd.DataFrame({"t_s": t, "distance_m": np.floor(np.sign(t - 30.0) * 0.05 * away**3 / quantum) * quantum})
+    slipped = 0.2 * np.clip(t - 5.0, 0.0, 1.0)
+    without = tach.assign(distance_m=tach["distance_m"] - slipped)
+    given = tach_rests(without, (0.0, 60.0), integrates_speed=False, quantum_m=quantum).spans
+    assert given == pytest.approx(tach_rests(tach, (0.0, 60.0), integrates_speed=False).spans)
+    assert given[0, 0] >= 20.0
+    assert given[0, 1] <= 40.0
