@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import argparse
 import codecs
+import gc
 import importlib
 import os
 import signal
@@ -89,6 +90,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
             for result in ("result", "third"):
                 run_sound(f"map build {result} -o {running.url(SOUND, 'trackfg')}", folder)
         base = Base(folder, running)
+        gc.freeze()  # else each fork copies all that a collection looks at
         ends = [_outcome_of(case, base) for case in [_case(options.case)]] if options.case else _run(options, base)
     if options.case:
         print(ends[0])

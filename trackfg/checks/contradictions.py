@@ -22,6 +22,7 @@ from trackfg.numerics.units import KMH
 from trackfg.recording.description import Imu, Tach
 from trackfg.recording.findings import Finding
 from trackfg.recording.model import Recording
+from trackfg.sensors.tach import with_sense
 
 _TOML = "recording.toml"
 
@@ -291,14 +292,15 @@ def _fixes(recording: Recording, positions: PositionFit, limits: CheckLimits) ->
 
 
 def _fix_order(recording: Recording) -> list[Finding]:
-    """Fixes whose chainages run against the declared direction."""
+    """Fixes whose chainages run against the declared direction, while the vehicle does not turn back."""
     fixes, part = recording.fixes, recording.description.fixes
     if fixes is None or part is None or recording.tach is None or recording.description.tach is None:
         return []
     if recording.description.tach.signed:
         return []
     steps = recording.description.track.direction * fixes["chainage_m"].diff()
-    against = (steps < -3.0 * fixes["chainage_sd_m"]).to_numpy()
+    moved = np.interp(fixes["t_s"], recording.tach["t_s"], with_sense(recording)["distance_m"])
+    against = (steps < -3.0 * fixes["chainage_sd_m"]).to_numpy() & (np.diff(moved, prepend=moved[:1]) > 0.0)
     if not against.any():
         return []
     i = int(against.argmax())

@@ -21,6 +21,7 @@ from trackfg.checks.diagnosis_silence import SilentSpan, silent_spans, without_s
 from trackfg.checks.diagnosis_wheel import WheelScale, scale_from_fixes, scale_from_gnss
 from trackfg.recording.model import Recording
 from trackfg.sensors.standstills import find_standstills
+from trackfg.sensors.tach import with_sense
 from trackfg.sensors.tach_rows import tach_quantum_m
 
 __all__ = [
@@ -77,10 +78,17 @@ def _without_none(value: Any) -> Any:
 
 
 def estimates_of(recording: Recording) -> Estimates:
-    """Estimate everything; spans in which the tach is silent while the vehicle moves count as holes of the tach."""
+    """Estimate everything.
+
+    Spans in which the tach is silent while the vehicle moves count as holes of the tach. Where the vehicle turns back
+    an unsigned tach gets the sense of each movement; where all seem to be backwards, an axis may point the wrong way.
+    """
     t, tach = recording.imu["t_s"].to_numpy(), recording.tach
     silent = () if tach is None else silent_spans(recording.imu, tach)
-    usable = replace(recording, tach=tach if tach is None or not silent else without_silence(tach, silent))
+    usable = recording
+    if tach is not None:
+        sensed = with_sense(recording)
+        usable = replace(recording, tach=without_silence(sensed, silent) if silent else sensed)
     axes = estimate_axes(usable.imu, usable.tach, recording.description.imu.axes)
     standstills = find_standstills(usable, min_duration_s=3.0)
     offset = estimate_clock_offset(usable)

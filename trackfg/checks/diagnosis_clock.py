@@ -18,8 +18,7 @@ import pandas as pd
 from scipy.ndimage import gaussian_filter1d
 
 from trackfg.numerics.arrays import Array
-from trackfg.numerics.convolution import fast_length
-from trackfg.numerics.robust import jackknife_sd
+from trackfg.numerics.robust import jackknife_sd, robust_sd
 from trackfg.recording.model import Recording
 from trackfg.sensors.averages import Motion, averaged, band_passed
 
@@ -40,6 +39,10 @@ _FEWEST_BLOCKS = 3
 """With fewer blocks of a signal nothing is said about the scatter of its lag."""
 _LEAST_OFFSET_S = 0.02
 """Offsets below do not matter, s: the smoother estimates them."""
+_MADE_BY = 2.0
+"""An offset that moves by so many sigmas, and is sure no more, without what is far off it, was made by that."""
+_FAR_SIGMAS = 5.0
+"""What is so many robust sigmas off the force is no motion: a wheel slips, or another error of the tach."""
 _MAX_ACCELERATION = 8.0
 """m/s^2: a tach that changes faster slips, or jumps."""
 
@@ -78,12 +81,31 @@ def estimate_clock_offset(recording: Recording, max_offset_s: float = 20.0) -> C
     short_s = max(_SHORT_S, 0.5 * tach_interval, motion.step_s)
     speed_change = tach_acceleration(motion)
     valid = motion.valid & (np.abs(gaussian_filter1d(speed_change, short_s / motion.step_s)) < _MAX_ACCELERATION)
-    acceleration = band_passed(speed_change, valid, motion.step_s, short_s, _LONG_S)
     force = band_passed(motion.accel[:, 0], motion.valid, motion.step_s, short_s, _LONG_S)
-    if np.sqrt(np.mean(acceleration**2)) < _MIN_ACCELERATION:
-        return None
-    found = best_lag(acceleration, force, motion.step_s, _LONG_S, max_offset_s, _MIN_CORRELATION)
-    return None if found is None else ClockOffset(found.lag_s, found.sd_s, found.spread_s, found.correlation)
+
+    def found_in(valid: np.ndarray) -> tuple[Array, ClockOffset | None]:
+        acceleration = band_passed(speed_change, valid, motion.step_s, short_s, _LONG_S)
+        if np.sqrt(np.mean(acceleration**2)) < _MIN_ACCELERATION:
+            return acceleration, None
+        lag = best_lag(acceleration, force, motion.step_s, _LONG_S, max_offset_s, _MIN_CORRELATION)
+        return acceleration, None if lag is None else ClockOffset(lag.lag_s, lag.sd_s, lag.spread_s, lag.correlation)
+
+    acceleration, found = found_in(valid)
+    if found is None or not found.is_sure:
+        return found
+    _, again = found_in(valid & ~_far_off(acceleration, force, found.offset_s / motion.step_s))
+    by_slips = again is None or (not again.is_sure and abs(again.offset_s - found.offset_s) > _MADE_BY * found.sd_s)
+    return again if by_slips else found
+
+
+def _far_off(acceleration: Array, force: Array, lag: float) -> np.ndarray:
+    """Return where the tach's acceleration (n,) is far from the force (n,) that shows it ``lag`` samples later."""
+    index = np.arange(acceleration.size)
+    felt = np.interp(index + lag, index, force)
+    known = acceleration != 0.0
+    gain = float(felt[known] @ acceleration[known] / (felt[known] @ felt[known]))
+    off = np.where(known, acceleration - gain * felt, 0.0)
+    return np.asarray(np.abs(off) > _FAR_SIGMAS * robust_sd(off[known]))
 
 
 def on_imu_clock(tach: pd.DataFrame, offset: ClockOffset | None) -> pd.DataFrame:
@@ -179,7 +201,8 @@ def lagged_correlation(a: Array, b: Array, max_lag: float) -> tuple[Array, Array
 
 def _products(a: Array, b: Array, lags: np.ndarray) -> Array:
     """Return ``sum_i a[i + l] b[i]`` of two signals of one length at each lag l, by FFT. (n,), (n,), (m,) to (m,)."""
-    length = fast_length(a.size + int(np.abs(lags).max()))  # a prime one of a day would take minutes
+    least = a.size + int(np.abs(lags).max())
+    length = 1 << (least - 1).bit_length()  # a prime one of a day would take minutes
     both = np.fft.irfft(np.fft.rfft(a, length) * np.conj(np.fft.rfft(b, length)), length)
     return np.asarray(both[lags])
 

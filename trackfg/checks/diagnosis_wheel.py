@@ -35,7 +35,8 @@ class WheelScale:
 def scale_from_fixes(tach: pd.DataFrame, fixes: pd.DataFrame) -> WheelScale | None:
     """Estimate the scale in ``travelled chainage = constant + scale * nominal distance`` by weighted least squares.
 
-    What is travelled is the sum of the chainage differences' magnitudes: it grows whichever way the line is counted.
+    Both are sums of the magnitudes of what lies between one fix and the next: they grow whichever way the line is
+    counted and the vehicle goes, that of a ``tach`` with signs where it turned back, too.
     Fixes at the place of another balise are left out. The sigma is widened by the residuals where those exceed the
     declared sigmas. None with fewer than two fixes within the tach's time or less than 100 m between them.
     """
@@ -45,16 +46,21 @@ def scale_from_fixes(tach: pd.DataFrame, fixes: pd.DataFrame) -> WheelScale | No
         return None
     nominal = np.interp(inside["t_s"], t, tach["distance_m"])
     inside, nominal = (rows[_not_misplaced(nominal, inside)] for rows in (inside, nominal))
-    if len(inside) < 2 or np.ptp(nominal) < _MIN_CHORD_M:
+    travelled, rolled = (_summed(values) for values in (inside["chainage_m"].to_numpy(), nominal))
+    if len(inside) < 2 or rolled[-1] < _MIN_CHORD_M:
         return None
-    travelled = np.cumsum(np.abs(np.diff(inside["chainage_m"], prepend=inside["chainage_m"].iloc[0])))
     weights = 1.0 / inside["chainage_sd_m"].to_numpy() ** 2
-    x, y = (values - np.average(values, weights=weights) for values in (nominal, travelled))
+    x, y = (values - np.average(values, weights=weights) for values in (rolled, travelled))
     information = float(weights @ x**2)
     scale = float(weights @ (x * y)) / information
     freedom = len(inside) - 2
     chi2 = float(weights @ (y - scale * x) ** 2) / freedom if freedom > 0 else 1.0
     return WheelScale(scale, float(np.sqrt(max(1.0, chi2) / information)), "fixes", len(inside) - 1)
+
+
+def _summed(values: Array) -> Array:
+    """Return the sum of the magnitudes of all differences up to each value, (n,)."""
+    return np.concatenate([[0.0], np.cumsum(np.abs(np.diff(values)))])
 
 
 def _not_misplaced(nominal: Array, fixes: pd.DataFrame) -> np.ndarray:

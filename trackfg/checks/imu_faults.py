@@ -178,7 +178,7 @@ class ImuFaultDetector:
 
     @property
     def _suspects(self) -> bool:
-        """Whether a channel shows a value that it has shown before."""
+        """Return whether a channel shows a value that it has shown before."""
         return any(plateau.level is not None for plateau in self.plateaus)
 
     def _same(self, values: Array) -> np.ndarray:

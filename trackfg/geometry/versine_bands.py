@@ -27,9 +27,9 @@ from numpy.typing import ArrayLike
 
 from trackfg.errors import BadInputError
 from trackfg.geometry.bands import BANDS, Band, band_response, band_variance
+from trackfg.geometry.convolution import convolve_runs, kernel_of_response
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.chainage_grid import cells_of
-from trackfg.numerics.convolution import convolve_runs, kernel_of_response
 
 _LEAST_RESPONSE = 1e-5
 """Response of a band below which its waves are left out: a hundredth of a micrometre in a millimetre."""

@@ -22,8 +22,8 @@ from numpy.typing import ArrayLike
 
 from trackfg.errors import BadInputError
 from trackfg.geometry.bands import Band, band_response
+from trackfg.geometry.convolution import convolve_runs, kernel_of_response
 from trackfg.numerics.arrays import Array
-from trackfg.numerics.convolution import convolve_runs, kernel_of_response
 
 _PERIOD = 64
 """The kernels are computed as if periodic, this many times the longest wavelength of the band or chord long."""

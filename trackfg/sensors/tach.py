@@ -149,6 +149,18 @@ def read_wheel(recording: Recording, max_gap_s: float) -> Wheel | None:
     return Wheel(t, distance, rounding, quantum, speed, gaps)
 
 
+def with_sense(recording: Recording) -> pd.DataFrame:
+    """Return the recording's tach, an unsigned one with the sense of each movement where the vehicle turns back."""
+    tach, description = recording.tach, recording.description.tach
+    assert tach is not None
+    if description is None or description.signed:
+        return tach
+    distance = _signed(tach["t_s"].to_numpy(), tach["distance_m"].to_numpy(), recording)
+    steps = np.diff(distance)
+    turns_back = (steps < 0.0).any() and (steps > 0.0).any()
+    return tach.assign(distance_m=distance) if turns_back else tach
+
+
 def read_resolution(t: Array, distance: Array) -> tuple[float, float]:
     """The distance of one count, 0 where there are none, and the sigma of a reading's rounding, m."""
     quantum = tach_quantum_m(pd.DataFrame({"t_s": t, "distance_m": distance}))

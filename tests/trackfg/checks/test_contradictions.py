@@ -179,6 +179,16 @@ def test_scenarios_are_sound(name: str, seed: int, duration_s: float) -> None:
     assert codes <= ({"clock-offset"} if name == "mainline-field" else set())
 
 
+@pytest.mark.parametrize(
+    ("name", "seed"),
+    [*(("shunting-unsigned", seed) for seed in (3, 8, 13, 14)), *(("slippery-line-leaves", seed) for seed in (6, 11))],
+)
+def test_a_vehicle_that_turns_back_or_slips_is_sound(name: str, seed: int) -> None:
+    """By an unsigned count a shunter goes far too far for its fixes, and thirty slips look like a late clock."""
+    _, findings = diagnose(simulate(name, seed=seed, duration_s=300.0).recording)
+    assert [finding for finding in findings if finding.level != "info"] == []
+
+
 @pytest.mark.parametrize("seed", range(3))
 def test_a_poor_sensor_that_shakes_is_sound(seed: int) -> None:
     """1 deg/s of bias and 2 m/s^2 of vibration are no contradictions; what they are is said."""

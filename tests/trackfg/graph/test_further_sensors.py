@@ -108,17 +108,24 @@ def test_without_noise_a_second_wheel_rolls_as_far_as_the_first() -> None:
 
 
 def test_slips_of_one_axle_are_found_by_the_other() -> None:
-    """Under leaves, 13 and more slips in 600 s of each axle; as ``tools/two_axles.py`` measures over more seeds."""
+    """Under leaves, 11 and more slips in 600 s of each axle, over three runs: how well one comes out is chance.
+
+    ``tools/two_axles.py`` measures it over more.
+    """
     leaves, wet = scenario("slippery-line-leaves").adhesion, scenario(TWO_AXLES)
     (axle,) = wet.further_sensors
     assert isinstance(axle, FurtherAxle)
     plan = replace(wet, adhesion=leaves, further_sensors=(replace(axle, adhesion=leaves),))
-    run = simulate(plan, seed=2, duration_s=600.0)
-    assert run.slips is not None
-    assert len(run.slips) > 10
-    two = smooth_states(run.recording, SmoothConfig())
-    description = run.recording.description.model_copy(update={"further_tach": ()})
-    one = smooth_states(replace(run.recording, description=description, others={}), SmoothConfig())
-    assert between_fixes(run, two) < min(0.8 * between_fixes(run, one), 0.13)
-    offset, offset_sd = two.solution.states.sensor[0, 1], np.sqrt(two.covariance.of(Kind.SENSOR)[0, 1, 1])
-    assert abs(offset - 0.03) < 4.0 * offset_sd < 0.03
+    by_one, by_two = [], []
+    for seed in (2, 3, 4):
+        run = simulate(plan, seed=seed, duration_s=600.0)
+        assert run.slips is not None
+        assert len(run.slips) > 10
+        two = smooth_states(run.recording, SmoothConfig())
+        description = run.recording.description.model_copy(update={"further_tach": ()})
+        one = smooth_states(replace(run.recording, description=description, others={}), SmoothConfig())
+        by_one.append(between_fixes(run, one))
+        by_two.append(between_fixes(run, two))
+        offset, offset_sd = two.solution.states.sensor[0, 1], np.sqrt(two.covariance.of(Kind.SENSOR)[0, 1, 1])
+        assert abs(offset - 0.03) < 4.0 * offset_sd < 0.03
+    assert np.linalg.norm(by_two) < min(0.8 * np.linalg.norm(by_one), 0.13 * np.sqrt(3.0))
