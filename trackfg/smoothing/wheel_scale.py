@@ -15,6 +15,9 @@ A scale that may walk everywhere makes every distance unsure, though creep begin
 still walks then, spans in which a constant scale is clearly likelier are sought by halving, and the scale walks in the
 others alone: also where the data do not tell, so that sigmas allow for either.
 
+Where a further wheel rolls along, the scale stays constant: a wheel that creeps is told by the other one then, and a
+scale that could follow it would take the one that creeps for the one that rolls.
+
 Fixes that were withheld while the scale was a constant, and are off by no more than a wheel creeps, are used again.
 """
 
@@ -70,7 +73,8 @@ def wheel_scale(run: SolvedRun) -> Reassessment:
     problem = run.problem
     chain = problem.family(FactorType.DISTANCE_CHAIN)
     declared = run.declared.family(FactorType.DISTANCE_CHAIN)
-    if problem.wheel is None or chain is None or declared is None:
+    has_further_wheel = problem.family(FactorType.TACH_INCREMENT) is not None
+    if problem.wheel is None or chain is None or declared is None or has_further_wheel:
         return Reassessment(problem)
     walks = chain.sigma[:, 1] != declared.sigma[:, 1]
     if walks.any() and not walks.all():
