@@ -22,6 +22,7 @@ from trackfg.checks.diagnosis import (
     tach_quantum_m,
 )
 from trackfg.checks.diagnosis_axes import AXES, propose_axes
+from trackfg.datasets.scenarios import simulate
 from trackfg.io.check import check_recording
 from trackfg.io.reader import read_recording
 from trackfg.numerics.geodesy import normal_gravity
@@ -72,6 +73,14 @@ def test_a_declared_offset_is_taken_into_account(make_draft: MakeDraft, tmp_path
     assert "key tach.time_offset_s" in line
     mended = float(line.split("set tach.time_offset_s = ")[1].split(",")[0])
     assert mended == pytest.approx(-2.5, abs=0.03)
+
+
+@pytest.mark.parametrize(("name", "seed", "expected_s"), [("slippery-line", 20, 0.0), ("rough-ride", 24, -0.3)])
+def test_a_wheel_that_creeps_with_traction_is_not_ahead(name: str, seed: int, expected_s: float) -> None:
+    """It looks 0.08 s ahead at 20 m/s where it creeps by 4 % per g."""
+    offset = estimate_clock_offset(simulate(name, seed=seed, duration_s=500.0).recording)
+    assert offset is not None
+    assert abs(offset.offset_s - expected_s) < min(2.0 * offset.sd_s, 0.05)
 
 
 def test_no_clock_offset_where_nothing_shows_it(read: Callable[..., Recording]) -> None:
