@@ -9,9 +9,9 @@ Its sigma is that of least squares in ``y(t) = k x(t + offset) + e(t)`` with col
 autocorrelation sum of ``x'`` (the sandwich formula; Newey & West, Econometrica 55, 1987).
 
 A wheel that pulls or brakes creeps in proportion to the force, and turns by ``v (1 + c f / g)``. Its acceleration has
-``c v f' / g`` more, which looks as if the tach were ahead by ``c v / g``: 0.08 s at 20 m/s with c = 0.04. Least
-squares in ``f``, ``f'`` and ``v f' / g`` about the peak tell the clock from it, as far as speeds differ; c is 0 within
-the sigma that the smoother takes for it.
+``c |v| f' / g`` more, which looks as if the tach were ahead by ``c |v| / g``: 0.08 s at 20 m/s with c = 0.04. Least
+squares in ``f``, ``f'`` and ``|v| f' / g`` about the peak tell the clock from it, as far as speeds differ; c is 0
+within the sigma that the smoother takes for it.
 """
 
 from __future__ import annotations
@@ -151,15 +151,15 @@ class _Signals:
         motion, known = self.motion, acceleration != 0.0
         force = self._later(motion.accel[:, 0], lag_s)
         change = np.gradient(force, motion.step_s)
-        speed = gaussian_filter1d(np.nan_to_num(motion.speed), self.short_s / motion.step_s)
+        speed = gaussian_filter1d(np.abs(np.nan_to_num(motion.speed)), self.short_s / motion.step_s)
         regressors = (force, change, speed * change / STANDARD_GRAVITY)
         A = np.column_stack([self.in_band(values, valid)[known] for values in regressors])
         y = acceleration[known]
         left = y - A[:, 0] * float(A[:, 0] @ y / (A[:, 0] @ A[:, 0]))
         variance = float(np.mean(left**2)) * _LONG_S / motion.step_s  # of residuals that are alike so long
-        information, right = A.T @ A / variance, A.T @ y / variance
-        information[2, 2] += 1.0 / _CREEP_SD**2
-        with_creep, without = np.linalg.inv(information), np.linalg.inv(information[:2, :2])
+        information, right = A.T @ A, A.T @ y
+        information[2, 2] += variance / _CREEP_SD**2
+        with_creep, without = (np.linalg.pinv(part, hermitian=True) for part in (information, information[:2, :2]))
         gain, moved, _ = with_creep @ right
         gain_without, moved_without = without @ right[:2]
         wider = float(np.sqrt(with_creep[1, 1] / without[1, 1]))
