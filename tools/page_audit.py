@@ -100,6 +100,9 @@ def main() -> int:
     parser.add_argument("pages", nargs="+", metavar="PAGE", help="a file, or the address of a page that is served")
     parser.add_argument("--axe", type=Path, metavar="FILE", help="axe.min.js, instead of npm's")
     asked = parser.parse_args()
+    for page in asked.pages:
+        if not page.startswith("http://") and not Path(page).is_file():
+            parser.error(f"no such page: {page}")
     program = chromium()
     if program is None:
         parser.error(f"no browser: expected one of {', '.join(BROWSERS)}")
