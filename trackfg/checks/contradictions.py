@@ -299,8 +299,10 @@ def _fix_order(recording: Recording) -> list[Finding]:
     if recording.description.tach.signed:
         return []
     steps = recording.description.track.direction * fixes["chainage_m"].diff()
-    moved = np.interp(fixes["t_s"], recording.tach["t_s"], with_sense(recording)["distance_m"])
-    against = (steps < -3.0 * fixes["chainage_sd_m"]).to_numpy() & (np.diff(moved, prepend=moved[:1]) > 0.0)
+    against = (steps < -3.0 * fixes["chainage_sd_m"]).to_numpy()
+    if against.any():
+        moved = np.interp(fixes["t_s"], recording.tach["t_s"], with_sense(recording)["distance_m"])
+        against = against & (np.diff(moved, prepend=moved[:1]) > 0.0)
     if not against.any():
         return []
     i = int(against.argmax())

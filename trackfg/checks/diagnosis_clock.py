@@ -46,9 +46,9 @@ _FEWEST_BLOCKS = 3
 _LEAST_OFFSET_S = 0.02
 """Offsets below do not matter, s: the smoother estimates them."""
 _MADE_BY = 2.0
-"""An offset that moves by so many sigmas, and is sure no more, without what is far off it, was made by that."""
+"""An offset that moves by so many sigmas, and is no longer sure, without the outliers is due to them."""
 _FAR_SIGMAS = 5.0
-"""What is so many robust sigmas off the force is no motion: a wheel slips, or another error of the tach."""
+"""A tach's acceleration that is so many robust sigmas off the force is an outlier: a wheel slips, for example."""
 _CREEP_SD = 0.05
 """Creep per g of traction, 1-sigma: what the smoother takes it for (``tach.creep_per_traction_sd``)."""
 _MAX_ACCELERATION = 8.0

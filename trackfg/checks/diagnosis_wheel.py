@@ -35,8 +35,8 @@ class WheelScale:
 def scale_from_fixes(tach: pd.DataFrame, fixes: pd.DataFrame) -> WheelScale | None:
     """Estimate the scale in ``travelled chainage = constant + scale * nominal distance`` by weighted least squares.
 
-    Both are sums of the magnitudes of what lies between one fix and the next: they grow whichever way the line is
-    counted and the vehicle goes, that of a ``tach`` with signs where it turned back, too.
+    Both are sums of the magnitudes of the differences between one fix and the next, so that they grow in either
+    direction. Where the vehicle turns back the distances of the ``tach`` need their signs.
     Fixes at the place of another balise are left out. The sigma is widened by the residuals where those exceed the
     declared sigmas. None with fewer than two fixes within the tach's time or less than 100 m between them.
     """

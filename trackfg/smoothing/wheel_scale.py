@@ -15,8 +15,8 @@ A scale that may walk everywhere makes every distance unsure, though creep begin
 still walks then, spans in which a constant scale is clearly likelier are sought by halving, and the scale walks in the
 others alone: also where the data do not tell, so that sigmas allow for either.
 
-Where a further wheel rolls along, the scale stays constant: a wheel that creeps is told by the other one then, and a
-scale that could follow it would take the one that creeps for the one that rolls.
+In a run with a further tach the scale is constant. The difference between the wheels shows which of them creeps. A
+scale that walks would absorb that difference, and the estimate would follow the wheel that creeps.
 
 Fixes that were withheld while the scale was a constant, and are off by no more than a wheel creeps, are used again.
 """
