@@ -1,4 +1,4 @@
-"""The models of descriptions: unknown keys and numbers that are none are refused."""
+"""The model of what files describe: unknown keys and numbers that are none are refused."""
 
 from __future__ import annotations
 
@@ -6,6 +6,6 @@ from pydantic import BaseModel, ConfigDict
 
 
 class Model(BaseModel):
-    """What all parts share: unknown keys and non-finite numbers are refused, and nothing changes afterwards."""
+    """Sections of files share this: unknown keys and numbers that are none are refused, and nothing changes later."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)

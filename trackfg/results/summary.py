@@ -8,12 +8,13 @@ from datetime import UTC, datetime
 from importlib.metadata import version
 from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, JsonValue, field_serializer
+from pydantic import AfterValidator, Field, JsonValue, field_serializer
 
 from trackfg.numerics.kernels import kernels_in_use
 from trackfg.numerics.key_figures import outline
 from trackfg.recording.findings import Finding
 from trackfg.recording.line_kilometrage import LineKilometrage
+from trackfg.recording.strict_model import Model
 from trackfg.results.verdict import Verdict
 
 Sigma = Annotated[float, Field(gt=0)]
@@ -21,25 +22,21 @@ Length = Annotated[float, Field(ge=1e-3, le=1e4)]
 """m."""
 
 
-class _ResultModel(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
-
-
-class Estimate(_ResultModel):
+class Estimate(Model):
     """An estimated scalar and its 1-sigma, in the unit of the field that holds it; null where no sigma is right."""
 
     value: float
     sd: Sigma | None
 
 
-class VectorEstimate(_ResultModel):
+class VectorEstimate(Model):
     """An estimated vector in the body axes x, y, z and the 1-sigma of each; null where no sigma is right."""
 
     value: tuple[float, float, float]
     sd: tuple[Sigma, Sigma, Sigma] | None
 
 
-class Mounting(_ResultModel):
+class Mounting(Model):
     """How the sensor is mounted, as the motion shows it, in the axes of the IMU as declared.
 
     The direction of travel is turned to the left by ``yaw_rad`` and then downwards by ``pitch_rad``. The point that
@@ -57,7 +54,7 @@ def utc(text: str) -> datetime:
     return time.replace(tzinfo=UTC) if time.tzinfo is None else time.astimezone(UTC)
 
 
-class Solver(_ResultModel):
+class Solver(Model):
     """How the solution was reached. ``cost`` is half the sum of squared whitened residuals after robust weights."""
 
     converged: bool
@@ -67,7 +64,7 @@ class Solver(_ResultModel):
     degrees_of_freedom: int
 
 
-class GeometryConventions(_ResultModel):
+class GeometryConventions(Model):
     """What the geometry columns mean. Lengths in m; see docs/geometry.md for the formulas.
 
     ``facing``: left is left when looking that way, whichever way the run went. ``twist_anchor``: where the base of the
@@ -92,7 +89,7 @@ class GeometryConventions(_ResultModel):
         return f"{self.twist_base_m:g} m{where}"
 
 
-class RunFacts(_ResultModel):
+class RunFacts(Model):
     """What joining runs into a map needs to know of the recording.
 
     ``content_sha256`` tells the same measurements again, whatever the recording is called; ``files_sha256`` the same
@@ -118,7 +115,7 @@ class RunFacts(_ResultModel):
         return None if self.start is None else utc(self.start)
 
 
-class MapUse(_ResultModel):
+class MapUse(Model):
     """The map that the run was located on: its name and version, when that was written, the share of the run that was
     recognised, and the probability that the place is right. Nothing of the map was used where ``sections`` is 0.
     """
@@ -132,7 +129,7 @@ class MapUse(_ResultModel):
     found_after_m: float | None
 
 
-class LineStretch(_ResultModel):
+class LineStretch(Model):
     """A stretch of the run and the track of a known line that it is on.
 
     ``status``: ``on``, the track is known and was used; ``undecided`` among ``tracks``; ``disagrees``, the run keeps
@@ -153,7 +150,7 @@ class LineStretch(_ResultModel):
     across_m_sd: Sigma | None
 
 
-class LineUse(_ResultModel):
+class LineUse(Model):
     """The known line that the run was smoothed with: its file, and which track the run is on from where to where.
 
     ``content_sha256`` is the digest of a file that was given beside the recording; of one that is part of the recording
@@ -183,7 +180,7 @@ FiniteJson = Annotated[JsonValue, AfterValidator(_finite)]
 """What JSON holds; Python's own readers take NaN and infinity for JSON too."""
 
 
-class Summary(_ResultModel):
+class Summary(Model):
     """The run in one page. Biases are those at the end of the run; what was not estimated or determined is null.
 
     ``settings`` is what was asked for, defaults included, ``configuration`` what was used in the end, adapted noise

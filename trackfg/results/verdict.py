@@ -11,7 +11,9 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Literal, get_args
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
+
+from trackfg.recording.strict_model import Model
 
 Quantity = Literal[
     "chainage",
@@ -56,7 +58,7 @@ class Doubt:
             raise ValueError("a doubt names at least one quantity")
 
 
-class Verdict(BaseModel):
+class Verdict(Model):
     """What can be believed of one quantity.
 
     ``factor`` is what the model's sigmas were multiplied by in the tables: 1 where trusted, null where not to be
@@ -64,8 +66,6 @@ class Verdict(BaseModel):
     and what to do, in the same order. ``checked_by`` lists what in the recording tests the quantity; where it is
     empty, a wrong model would not show.
     """
-
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
     quantity: Quantity
     status: Status

@@ -15,22 +15,21 @@ from typing import Annotated
 
 import numpy as np
 import pandas as pd
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
 from trackfg.errors import BadInputError
 from trackfg.files.small_file import read_toml, toml_of, validated
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.km_notation import written_places
+from trackfg.recording.strict_model import Model
 from trackfg.results.official_places import KM_COLUMN
 
 BUILT_IN = "channels.toml"
 """The template that is used unless another is given."""
 
 
-class Channel(BaseModel):
+class Channel(Model):
     """A column of a channel file."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
     name: str
     column: str

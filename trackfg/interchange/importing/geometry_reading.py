@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, field_validator
+from pydantic import Field, field_validator
 
 from trackfg.numerics.km_notation import Bare
+from trackfg.recording.strict_model import Model
 from trackfg.results.columns import BAND_COLUMNS, GEOMETRY_COLUMNS, RAIL_COLUMNS
 
 Length = Annotated[float, Field(gt=0, allow_inf_nan=False)]
@@ -15,25 +16,21 @@ KNOWN_COLUMNS = frozenset((*GEOMETRY_COLUMNS, *RAIL_COLUMNS, *BAND_COLUMNS))
 """Columns that a geometry may have."""
 
 
-class ChannelReading(BaseModel):
+class ChannelReading(Model):
     """A channel of a file: its ``name`` there, and what its numbers are multiplied by."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
     name: str
     factor: float = 1.0
     deviation: bool = False
 
 
-class GeometryReading(BaseModel):
+class GeometryReading(Model):
     """Which columns of a table are which of the geometry's, and what these mean.
 
     ``place`` is a column of places, or those of posts and lengths from them. ``facing``: whether left and right are
     those of increasing chainage or of the direction of travel, the order of the rows. Lengths that the file does not
     say are assumed: the gauge and its base by the gauge channel, base and anchor of the twist by the cross-level.
     """
-
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
     file: str = "*"
     place: str | tuple[str, str]

@@ -11,11 +11,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
 from trackfg.errors import BadInputError
 from trackfg.interchange.importing.columns.written_units import QUANTITIES, factor_of
 from trackfg.numerics.km_notation import metres_of
+from trackfg.recording.strict_model import Model
 
 _SAMPLE_BYTES = 200_000
 """What is looked at: some thousand rows."""
@@ -56,14 +57,12 @@ EMPTY_CELLS = (
 _EMPTY = frozenset(cell.casefold() for cell in EMPTY_CELLS)
 
 
-class DialectOptions(BaseModel):
+class DialectOptions(Model):
     """What a mapping states of the text files that match ``files`` (a pattern); the rest is guessed.
 
     ``header_row`` is the row with the names of the columns and ``first_row`` the first one with data, both counted from
     1 with every line; ``header_row = 0``: there are no names, and columns are called ``c1``, ``c2``, ...
     """
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
 
     files: str = "*"
     encoding: str | None = None
