@@ -2,24 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import pandas as pd
 
 from trackfg.checks.columns import ColumnPlace, unusable_sigmas
-from trackfg.io.formats.sensor_format import Converter, ReadColumns, SensorFormat, WrittenTable
-from trackfg.numerics.arrays import Array
+from trackfg.io.formats.sensor_format import ReadColumns, RowsAlone, SensorFormat, WrittenTable
 from trackfg.recording.description import Fixes
 from trackfg.recording.findings import Finding
 from trackfg.recording.model import FIX_COLUMNS
-
-
-class FixConverter(Converter):
-    """Changes nothing: fixes are recorded in metres."""
-
-    def __call__(self, t: Array, columns: Sequence[Array]) -> tuple[Array, ...]:
-        """Chainage and sigma, m."""
-        return tuple(columns)
 
 
 class FixesFormat(SensorFormat[Fixes]):
@@ -33,9 +22,9 @@ class FixesFormat(SensorFormat[Fixes]):
         """Chainage and its sigma."""
         return (part.chainage, part.sd)
 
-    def converter(self, part: Fixes) -> FixConverter:
-        """None is needed."""
-        return FixConverter()
+    def converter(self, part: Fixes) -> RowsAlone:
+        """Change nothing: fixes are recorded in metres."""
+        return RowsAlone(tuple)
 
     def value_faults(self, part: Fixes, read: ReadColumns) -> list[Finding]:
         """Sigmas that are not positive."""

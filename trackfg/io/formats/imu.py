@@ -2,28 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from functools import partial
 
 import pandas as pd
 
 from trackfg.checks.limits import CheckLimits
-from trackfg.io.formats.sensor_format import Converter, SensorFormat, WrittenTable
+from trackfg.io.formats.sensor_format import RowsAlone, SensorFormat, WrittenTable
 from trackfg.numerics import spans
 from trackfg.numerics.arrays import Array
 from trackfg.recording import canonical
 from trackfg.recording.description import Imu
 from trackfg.recording.model import IMU_COLUMNS
-
-
-class ImuConverter(Converter):
-    """Turns the columns into vehicle axes, rad/s and m/s^2."""
-
-    def __init__(self, part: Imu) -> None:
-        self._part, self._R = part, canonical.imu_rotation(part)
-
-    def __call__(self, t: Array, columns: Sequence[Array]) -> tuple[Array, ...]:
-        """Angular rates and specific forces, six columns."""
-        return canonical.imu_in_body(self._part, self._R, columns)
 
 
 class ImuFormat(SensorFormat[Imu]):
@@ -38,9 +27,9 @@ class ImuFormat(SensorFormat[Imu]):
         """Three of the gyro, three of the accelerometer."""
         return (*part.gyro, *part.accel)
 
-    def converter(self, part: Imu) -> ImuConverter:
-        """Convert to vehicle axes."""
-        return ImuConverter(part)
+    def converter(self, part: Imu) -> RowsAlone:
+        """Convert to vehicle axes, rad/s and m/s^2."""
+        return RowsAlone(partial(canonical.imu_in_body, part, canonical.imu_rotation(part)))
 
     def on_common_clock(self, part: Imu, t: Array) -> Array:
         """Shift stamps at the start or end of a sample by half a median interval."""

@@ -2,28 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import pandas as pd
 
 from trackfg.checks.limits import CheckLimits
-from trackfg.io.formats.sensor_format import Converter, SensorFormat, WrittenTable
-from trackfg.numerics.arrays import Array
+from trackfg.io.formats.sensor_format import RowsAlone, SensorFormat, WrittenTable
 from trackfg.recording import canonical
 from trackfg.recording.description import Laser
 from trackfg.recording.findings import Finding, Section
 from trackfg.recording.model import LASER_COLUMNS, LASER_TABLE
-
-
-class LaserConverter(Converter):
-    """Makes metres."""
-
-    def __init__(self, part: Laser) -> None:
-        self._part = part
-
-    def __call__(self, t: Array, columns: Sequence[Array]) -> tuple[Array, ...]:
-        """The displacement, one column."""
-        return (canonical.laser_displacement(self._part, columns[0]),)
 
 
 class LaserFormat(SensorFormat[Laser]):
@@ -38,9 +24,9 @@ class LaserFormat(SensorFormat[Laser]):
         """One."""
         return (part.column,)
 
-    def converter(self, part: Laser) -> LaserConverter:
+    def converter(self, part: Laser) -> RowsAlone:
         """Convert to metres."""
-        return LaserConverter(part)
+        return RowsAlone(lambda columns: (canonical.laser_displacement(part, columns[0]),))
 
     def table_name(self, part: Laser, number: int) -> str:
         """Return a name made of the laser's own."""

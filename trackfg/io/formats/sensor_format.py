@@ -9,7 +9,7 @@ sensor by name. The same conversion makes a whole table and the rows of a stream
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, ClassVar, Generic, NamedTuple, TypeVar
 
 import numpy as np
@@ -63,6 +63,17 @@ class Converter(ABC):
         """Go on from a :meth:`state`. Raises ``ValueError`` where the rows stand for themselves."""
         if state is not None:
             raise ValueError(f"{type(self).__name__} carries nothing over, but the state has {state!r}")
+
+
+class RowsAlone(Converter):
+    """A conversion in which each row stands for itself: a function of the columns as recorded."""
+
+    def __init__(self, convert: Callable[[Sequence[Array]], tuple[Array, ...]]) -> None:
+        self._convert = convert
+
+    def __call__(self, t: Array, columns: Sequence[Array]) -> tuple[Array, ...]:
+        """Return the data columns in canonical form."""
+        return self._convert(columns)
 
 
 class SensorFormat(ABC, Generic[Part]):

@@ -3,30 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 
 import numpy as np
 import pandas as pd
 
 from trackfg.checks.columns import ColumnPlace, negative_speed_over_ground
 from trackfg.checks.limits import CheckLimits
-from trackfg.io.formats.sensor_format import Converter, Impossible, ReadColumns, SensorFormat, WrittenTable
+from trackfg.io.formats.sensor_format import Impossible, ReadColumns, RowsAlone, SensorFormat, WrittenTable
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.units import to_si
 from trackfg.recording.description import Speed
 from trackfg.recording.findings import Finding, Section
 from trackfg.recording.model import SPEED_COLUMNS
-
-
-class SpeedConverter(Converter):
-    """Makes m/s; a speed below the sensor's lowest one is none."""
-
-    def __init__(self, part: Speed) -> None:
-        self._part = part
-
-    def __call__(self, t: Array, columns: Sequence[Array]) -> tuple[Array, ...]:
-        """The speed, one column, NaN where the sensor says nothing."""
-        speed = columns[0] * to_si("speed", self._part.unit)
-        return (np.where(np.abs(speed) < self._part.lowest_mps, np.nan, speed),)
 
 
 class SpeedFormat(SensorFormat[Speed]):
@@ -42,9 +31,9 @@ class SpeedFormat(SensorFormat[Speed]):
         """One."""
         return (part.column,)
 
-    def converter(self, part: Speed) -> SpeedConverter:
-        """Convert to m/s."""
-        return SpeedConverter(part)
+    def converter(self, part: Speed) -> RowsAlone:
+        """Convert to m/s, NaN below the sensor's lowest speed, where it says nothing."""
+        return RowsAlone(partial(_speed, part))
 
     def value_faults(self, part: Speed, read: ReadColumns) -> list[Finding]:
         """A sensor that is declared unsigned and goes backwards."""
@@ -69,3 +58,8 @@ class SpeedFormat(SensorFormat[Speed]):
     def written(self, part: Speed, table: pd.DataFrame) -> WrittenTable:
         """Write m/s."""
         return WrittenTable({"column": SPEED_COLUMNS[1], "unit": "m/s"}, table)
+
+
+def _speed(part: Speed, columns: Sequence[Array]) -> tuple[Array]:
+    speed = columns[0] * to_si("speed", part.unit)
+    return (np.where(np.abs(speed) < part.lowest_mps, np.nan, speed),)
