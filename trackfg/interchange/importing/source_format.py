@@ -7,11 +7,12 @@ register under the entry point ``trackfg.source_formats``.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, ClassVar
 
-from trackfg.errors import BadInputError
+from trackfg.errors import BadInputError, TrackfgError, first_line
 from trackfg.interchange.importing.source_table import SourceTable
 from trackfg.interchange.importing.text_dialect import DialectOptions
 
@@ -47,6 +48,20 @@ def starts_with(path: Path, *beginnings: bytes) -> bool:
             return stream.read(max(map(len, beginnings))).startswith(beginnings)
     except OSError:
         return False
+
+
+@contextmanager
+def readable(path: Path, expected: str, faults: tuple[type[Exception], ...] = (Exception,)) -> Iterator[None]:
+    """Raise :class:`BadInputError` with what was ``expected`` where reading a file in the block raises ``faults``.
+
+    These are by default all, since libraries raise errors of many kinds for damaged files.
+    """
+    try:
+        yield
+    except TrackfgError:
+        raise
+    except faults as error:
+        raise BadInputError(f"{path.name}: cannot be read ({first_line(error)}); expected {expected}") from error
 
 
 def refuse_empty(tables: Sequence[SourceTable], path: Path, what: str) -> Sequence[SourceTable]:

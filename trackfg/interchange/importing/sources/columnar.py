@@ -14,9 +14,9 @@ import pyarrow as pa
 import pyarrow.feather
 import pyarrow.parquet
 
-from trackfg.errors import BadInputError, TrackfgError, first_line
+from trackfg.errors import BadInputError
 from trackfg.interchange.importing.shapes.array_tables import tables_of_arrays
-from trackfg.interchange.importing.source_format import starts_with
+from trackfg.interchange.importing.source_format import readable, starts_with
 from trackfg.interchange.importing.source_table import SourceTable
 
 ARROW_SUFFIXES = (".parquet", ".pq", ".feather", ".arrow", ".ipc")
@@ -48,7 +48,7 @@ def read_arrow(path: Path) -> list[SourceTable]:
 
 
 def _arrow_columns(path: Path) -> Iterator[tuple[str, pa.ChunkedArray]]:
-    try:
+    with readable(path, path.suffix, (pa.ArrowException, OSError, ValueError)):
         if path.suffix.casefold() in (".parquet", ".pq"):
             with pa.parquet.ParquetFile(path) as file:
                 for name in file.schema_arrow.names:
@@ -57,8 +57,6 @@ def _arrow_columns(path: Path) -> Iterator[tuple[str, pa.ChunkedArray]]:
         else:
             table = pa.feather.read_table(path, use_threads=False)  # mapped into memory, unless it is compressed
             yield from zip(table.column_names, table.columns, strict=True)
-    except (pa.ArrowException, OSError, ValueError) as error:
-        raise BadInputError(f"{path.name}: cannot be read ({first_line(error)}); expected {path.suffix}") from error
 
 
 def _is_text(kind: pa.DataType) -> bool:
@@ -67,11 +65,11 @@ def _is_text(kind: pa.DataType) -> bool:
 
 def read_sqlite(path: Path) -> list[SourceTable]:
     """Read every table of a SQLite database. Raises :class:`BadInputError` where it is none."""
-    try:
-        with closing(sqlite3.connect(f"{path.resolve().as_uri()}?mode=ro", uri=True)) as connection:
-            return list(_tables(connection, path.name))
-    except (sqlite3.Error, OSError, UnicodeError) as error:
-        raise BadInputError(f"{path.name}: cannot be read ({first_line(error)}); expected SQLite") from error
+    with (
+        readable(path, "SQLite", (sqlite3.Error, OSError, UnicodeError)),
+        closing(sqlite3.connect(f"{path.resolve().as_uri()}?mode=ro", uri=True)) as connection,
+    ):
+        return list(_tables(connection, path.name))
 
 
 def _tables(connection: sqlite3.Connection, name: str) -> Iterator[SourceTable]:
@@ -102,18 +100,12 @@ def _cells(values: tuple[Any, ...]) -> pd.Series:
 
 def read_arrays(path: Path) -> list[SourceTable]:
     """Read the arrays of a NumPy or MATLAB file. Raises :class:`BadInputError` where it is none, or holds objects."""
-    try:
+    with readable(path, f"arrays of numbers ({path.suffix})"):
         if path.suffix.casefold() == ".mat":
             return tables_of_arrays(_matlab(path), path.name)
         with path.open("rb") as stream:
             loaded = np.load(stream, allow_pickle=False)
             return _of_array(loaded, path.name) if isinstance(loaded, np.ndarray) else _of_archive(loaded, path.name)
-    except TrackfgError:
-        raise
-    except Exception as error:  # SciPy and NumPy let through what their parsers raise of damaged files
-        raise BadInputError(
-            f"{path.name}: cannot be read ({first_line(error)}); expected arrays of numbers ({path.suffix})"
-        ) from error
 
 
 def _of_array(array: np.ndarray, name: str) -> list[SourceTable]:

@@ -10,17 +10,17 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import pandas as pd
 
-from trackfg.errors import BadInputError, first_line
 from trackfg.files.libraries import library
 from trackfg.interchange.importing.shapes.array_tables import tables_of_arrays
-from trackfg.interchange.importing.source_format import DialectFor, SourceFormat, refuse_empty, starts_with
+from trackfg.interchange.importing.source_format import DialectFor, SourceFormat, readable, refuse_empty, starts_with
 from trackfg.interchange.importing.source_table import SourceTable
 
+Part = TypeVar("Part")
 _SIGNATURE = b"\x89HDF\r\n\x1a\n"
 
 
@@ -73,14 +73,19 @@ def _has_root(path: Path, name: str) -> bool:
         return False
 
 
-def _read(path: Path, tables_of: Callable[[Any, Any], Iterator[SourceTable]]) -> list[SourceTable]:
-    """Return what ``tables_of`` yields for the library and the open file. Raises :class:`BadInputError`."""
+def _read(path: Path, parts_of: Callable[[Any, Any], Iterator[Part]]) -> list[Part]:
+    """Return what ``parts_of`` yields for the library and the open file. Raises :class:`BadInputError`."""
     h5py = library("h5py", "hdf5")
-    try:
-        with h5py.File(path, "r") as file:
-            return list(tables_of(h5py, file))
-    except (OSError, KeyError, ValueError, TypeError, RuntimeError) as error:
-        raise BadInputError(f"{path.name}: cannot be read ({first_line(error)}); expected HDF5") from error
+    faults = (OSError, KeyError, ValueError, TypeError, RuntimeError)
+    with readable(path, "HDF5", faults), h5py.File(path, "r") as file:
+        return list(parts_of(h5py, file))
+
+
+def _all_of(kind: type, file: Any) -> list[Any]:
+    """Return the groups or datasets of a file, at any depth."""
+    found: list[Any] = []
+    file.visititems(lambda _, item: found.append(item) if isinstance(item, kind) else None)
+    return found
 
 
 def _plain(name: str) -> str:
@@ -90,9 +95,7 @@ def _plain(name: str) -> str:
 
 def _data_sources(h5py: Any, file: Any) -> Iterator[SourceTable]:
     """Find the groups with an array ``timestamp`` and groups with an array ``data``."""
-    groups: list[Any] = []
-    file.visititems(lambda _, item: groups.append(item) if isinstance(item, h5py.Group) else None)
-    for group in groups:
+    for group in _all_of(h5py.Group, file):
         own = {_plain(name).casefold(): item for name, item in group.items()}
         times = own.get("timestamp")
         if not isinstance(times, h5py.Dataset) or times.ndim != 1 or not len(times):
@@ -159,9 +162,7 @@ def _data(h5py: Any, item: Any) -> Any:
 
 
 def _compound_tables(h5py: Any, file: Any) -> Iterator[SourceTable]:
-    datasets: list[Any] = []
-    file.visititems(lambda _, item: datasets.append(item) if isinstance(item, h5py.Dataset) else None)
-    for dataset in datasets:
+    for dataset in _all_of(h5py.Dataset, file):
         if dataset.dtype.names and len(dataset):
             values = dataset[()]
             columns = {name: values[name] for name in dataset.dtype.names if values[name].dtype.kind in "iufb"}
@@ -171,19 +172,14 @@ def _compound_tables(h5py: Any, file: Any) -> Iterator[SourceTable]:
 
 def arrays_in(path: Path) -> dict[str, np.ndarray]:
     """Return the arrays of numbers in an HDF5 file by their paths. Raises :class:`BadInputError`."""
-    h5py = library("h5py", "hdf5")
-    found: dict[str, np.ndarray] = {}
+    return dict(_read(path, _arrays))
 
-    def take(name: str, item: Any) -> None:
-        if isinstance(item, h5py.Dataset) and item.dtype.kind in "iuf" and not name.startswith("#"):
-            found[name] = item[()]
 
-    try:
-        with h5py.File(path, "r") as file:
-            file.visititems(take)
-    except (OSError, KeyError, ValueError, TypeError, RuntimeError) as error:
-        raise BadInputError(f"{path.name}: cannot be read ({first_line(error)}); expected HDF5") from error
-    return found
+def _arrays(h5py: Any, file: Any) -> Iterator[tuple[str, np.ndarray]]:
+    for dataset in _all_of(h5py.Dataset, file):
+        name = dataset.name.lstrip("/")
+        if dataset.dtype.kind in "iuf" and not name.startswith("#"):
+            yield name, dataset[()]
 
 
 def _text(value: Any) -> str:

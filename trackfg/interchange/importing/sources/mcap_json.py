@@ -6,9 +6,8 @@ import json
 from collections.abc import Sequence
 from pathlib import Path
 
-from trackfg.errors import BadInputError, first_line
 from trackfg.files.libraries import library
-from trackfg.interchange.importing.source_format import DialectFor, SourceFormat, refuse_empty, starts_with
+from trackfg.interchange.importing.source_format import DialectFor, SourceFormat, readable, refuse_empty, starts_with
 from trackfg.interchange.importing.source_table import SourceTable
 from trackfg.interchange.importing.sources.messages import MessageTables, measured_ns, numbers_of
 
@@ -37,12 +36,9 @@ class McapJson(SourceFormat):
         """Read the topics in JSON."""
         reader = library("mcap.reader", "mcap")
         topics = MessageTables()
-        try:
-            with path.open("rb") as stream:
-                for _, channel, message in reader.make_reader(stream).iter_messages():
-                    if channel.message_encoding == "json":
-                        content = json.loads(message.data)
-                        topics.take(channel.topic, measured_ns(content, message.log_time), numbers_of(content))
-        except Exception as error:  # the library raises errors of many kinds for damaged files
-            raise BadInputError(f"{path.name}: cannot be read ({first_line(error)}); expected an MCAP file") from error
+        with readable(path, "an MCAP file"), path.open("rb") as stream:
+            for _, channel, message in reader.make_reader(stream).iter_messages():
+                if channel.message_encoding == "json":
+                    content = json.loads(message.data)
+                    topics.take(channel.topic, measured_ns(content, message.log_time), numbers_of(content))
         return refuse_empty(list(topics.tables()), path, "messages in JSON with numbers")

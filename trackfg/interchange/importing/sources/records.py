@@ -12,6 +12,7 @@ import pandas as pd
 
 from trackfg.errors import BadInputError, first_line
 from trackfg.interchange.importing.shapes.array_tables import tables_of_arrays
+from trackfg.interchange.importing.source_format import readable
 from trackfg.interchange.importing.source_table import SourceTable
 
 JSON_SUFFIXES = (".json", ".jsonl", ".ndjson")
@@ -22,13 +23,11 @@ _DEPTH = 4
 
 def read_records(path: Path) -> list[SourceTable]:
     """Read a file of JSON; none where it has no list of records and none of numbers. Raises :class:`BadInputError`."""
-    try:
+    with readable(path, "JSON", (OSError, ValueError, RecursionError)):
         if path.suffix.casefold() == ".json":
             return list(_tables(_content(path.read_text(encoding="utf-8-sig")), path.name, _DEPTH))
         with path.open(encoding="utf-8-sig") as lines:
             return [_of_records(_records(lines, path.name), path.name)]
-    except (OSError, ValueError, RecursionError) as error:
-        raise BadInputError(f"{path.name}: cannot be read ({first_line(error)}); expected JSON") from error
 
 
 def _content(text: str) -> Any:

@@ -10,10 +10,10 @@ from typing import Any
 
 import numpy as np
 
-from trackfg.errors import BadInputError, first_line
+from trackfg.errors import BadInputError
 from trackfg.files.libraries import library
 from trackfg.interchange.importing.proposal import GNSS_SD_M, UNKNOWN_HEIGHT_SD_M
-from trackfg.interchange.importing.source_format import DialectFor, SourceFormat, refuse_empty, starts_with
+from trackfg.interchange.importing.source_format import DialectFor, SourceFormat, readable, refuse_empty, starts_with
 from trackfg.interchange.importing.source_table import SourceTable
 from trackfg.interchange.importing.sources.mcap_json import MCAP
 from trackfg.interchange.importing.sources.messages import (
@@ -86,7 +86,7 @@ class RosBag(SourceFormat):
         anyreader, typesys = library("rosbags.highlevel", "ros"), library("rosbags.typesys", "ros")
         topics = MessageTables()
         receivers: set[str] = set()
-        try:
+        with readable(path, "a ROS bag or MCAP file"):
             store = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)
             with anyreader.AnyReader([path], default_typestore=store) as reader:
                 wanted = [c for c in reader.connections if c.msgtype in _MESSAGES or _has_numbers(reader, c)]
@@ -97,10 +97,6 @@ class RosBag(SourceFormat):
                     frame = getattr(getattr(message, "header", None), "frame_id", "")
                     if _RECEIVER.search(f"{connection.topic} {frame}"):
                         receivers.add(connection.topic)
-        except Exception as error:  # the library raises errors of many kinds for damaged bags
-            raise BadInputError(
-                f"{path.name}: cannot be read ({first_line(error)}); expected a ROS bag or MCAP file"
-            ) from error
         return refuse_empty(
             [_usable(table, table.name in receivers) for table in topics.tables()], path, "messages with numbers"
         )

@@ -16,7 +16,7 @@ from typing import IO
 import numpy as np
 import pandas as pd
 
-from trackfg.errors import BadInputError, first_line
+from trackfg.interchange.importing.source_format import readable
 from trackfg.interchange.importing.source_table import SourceTable
 
 _BEGINNING = re.compile(rb'\s*\[\s*\{[^{}]*"sensor"\s*:')
@@ -46,13 +46,9 @@ def read_sensor_json(path: Path, wanted: Sequence[str]) -> dict[str, SourceTable
         if (sensor := sensors.get(entry.get("sensor", ""))) is not None:
             sensor.take(entry)
 
-    try:
-        with _opened(path) as stream:
-            json.load(stream, object_hook=take)
-    except (*_UNREADABLE, KeyError, TypeError, OverflowError, RecursionError) as error:
-        raise BadInputError(
-            f"{path.name}: cannot be read ({first_line(error)}); expected the JSON of Sensor Logger"
-        ) from error
+    faults = (*_UNREADABLE, KeyError, TypeError, OverflowError, RecursionError)
+    with readable(path, "the JSON of Sensor Logger", faults), _opened(path) as stream:
+        json.load(stream, object_hook=take)
     return {name: sensor.table(name) for name, sensor in sensors.items() if sensor.names}
 
 

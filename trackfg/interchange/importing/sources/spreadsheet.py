@@ -10,8 +10,9 @@ from typing import Any
 
 import pandas as pd
 
-from trackfg.errors import BadInputError, TrackfgError, first_line
+from trackfg.errors import BadInputError
 from trackfg.files.libraries import library
+from trackfg.interchange.importing.source_format import readable
 from trackfg.interchange.importing.source_table import SourceTable
 from trackfg.interchange.importing.text_dialect import first_data_row, header_of
 
@@ -25,15 +26,8 @@ def read_spreadsheet(path: Path) -> list[SourceTable]:
 
     Raises :class:`BadInputError` where the file cannot be read or has no such sheet.
     """
-    rows_of = _rows_of_xls if path.suffix.casefold() == ".xls" else _rows_of_xlsx
-    try:
-        sheets = rows_of(path)
-    except TrackfgError:
-        raise
-    except Exception as error:  # the libraries let through what their parsers raise of damaged files
-        raise BadInputError(
-            f"{path.name}: cannot be read ({first_line(error)}); expected a spreadsheet ({path.suffix})"
-        ) from error
+    with readable(path, f"a spreadsheet ({path.suffix})"):
+        sheets = _rows_of_xls(path) if path.suffix.casefold() == ".xls" else _rows_of_xlsx(path)
     found = [table for title, rows in sheets.items() if (table := _table(rows, f"{path.name}/{title}")) is not None]
     if not found:
         raise BadInputError(f"{path.name}: no sheet has a header and rows below it; expected one")

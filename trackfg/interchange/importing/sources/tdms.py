@@ -10,9 +10,8 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from trackfg.errors import BadInputError, first_line
 from trackfg.files.libraries import library
-from trackfg.interchange.importing.source_format import DialectFor, SourceFormat, refuse_empty, starts_with
+from trackfg.interchange.importing.source_format import DialectFor, SourceFormat, readable, refuse_empty, starts_with
 from trackfg.interchange.importing.source_table import SourceTable
 
 
@@ -31,12 +30,9 @@ class Tdms(SourceFormat):
         nptdms = library("nptdms", "tdms")
         library("nptdms.log", "tdms").log_manager.set_level(logging.ERROR)  # a damaged file gets one message, ours
         tables = []
-        try:
-            with nptdms.TdmsFile.open(path) as file:
-                for group in file.groups():
-                    tables += _group(group)
-        except Exception as error:  # the library raises errors of many kinds for damaged files
-            raise BadInputError(f"{path.name}: cannot be read ({first_line(error)}); expected a TDMS file") from error
+        with readable(path, "a TDMS file"), nptdms.TdmsFile.open(path) as file:
+            for group in file.groups():
+                tables += _group(group)
         return refuse_empty(tables, path, "group with rows of numbers")
 
 
