@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from operator import attrgetter
 
 import numpy as np
@@ -47,10 +47,7 @@ class Event:
     @property
     def span_s(self) -> tuple[float, float]:
         """The first and the last time, s; NaN where none could be read."""
-        return (
-            np.nan if self.t_s is None else self.t_s,
-            np.nan if self.until_s is None else self.until_s,
-        )
+        return np.nan if self.t_s is None else self.t_s, np.nan if self.until_s is None else self.until_s
 
     def __str__(self) -> str:
         where = f"{self.table}: " if self.table else ""
@@ -63,18 +60,7 @@ class Event:
         return f"{where}{self.kind}{when}{place}{removed}{count}" + (f": {self.detail}" if self.detail else "")
 
 
-_TYPES = {
-    "kind": "str",
-    "table": "str",
-    "t_s": "float64",
-    "until_s": "float64",
-    "rows": "int64",
-    "detail": "str",
-    "chainage_m": "float64",
-    "chainage_m_sd": "float64",
-    "distance_removed_m": "float64",
-    "distance_removed_m_sd": "float64",
-}
+_TYPES = {field.name: {"str": "str", "int": "int64"}.get(str(field.type), "float64") for field in fields(Event)}
 
 
 def events_frame(events: Iterable[Event]) -> pd.DataFrame:

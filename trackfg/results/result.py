@@ -52,8 +52,8 @@ from trackfg.results.summary import Summary
 _REPORT = "this is an error of trackfg: please report it, with the recording if you can"
 _EVENT_TEXT = ("kind", "detail")
 _BALISE_TEXT = ("id", "verdict")
-_TYPES = {name: "str" if name in _BALISE_TEXT else "float64" for name in BALISE_COLUMNS}
-_NO_NUMBER = {name: [""] for name in BALISE_COLUMNS if name not in _BALISE_TEXT}
+_EVENT_TYPES = {name: "str" if name in _EVENT_TEXT else "float64" for name in EVENT_COLUMNS}
+_BALISE_TYPES = {name: "str" if name in _BALISE_TEXT else "float64" for name in BALISE_COLUMNS}
 _TRAJECTORY, _GEOMETRY, _COVARIANCE, _EVENTS, _SUMMARY = FILES = (
     "trajectory.parquet",
     "geometry.parquet",
@@ -100,7 +100,7 @@ class Result(KeyFigures):
     """What the solver did, what the sigmas are worth, calibration."""
     covariance: PlaceCovariance = field(default_factory=PlaceCovariance.none)
     """Joint covariance of chainage and cross-level errors along the run."""
-    balises: pd.DataFrame = field(default_factory=lambda: pd.DataFrame(columns=list(BALISE_COLUMNS)).astype(_TYPES))
+    balises: pd.DataFrame = field(default_factory=lambda: pd.DataFrame(columns=[*_BALISE_TYPES]).astype(_BALISE_TYPES))
     """A row per balise that was passed."""
     passages: BalisePassages = field(default_factory=BalisePassages.none)
     """What a survey by several runs needs of the passages."""
@@ -195,12 +195,7 @@ class Result(KeyFigures):
             result = cls(
                 trajectory=read_frame(content[_TRAJECTORY]),
                 geometry=read_frame(content[_GEOMETRY]),
-                events=pd.read_csv(
-                    io.BytesIO(content[_EVENTS]),
-                    dtype={name: "str" if name in _EVENT_TEXT else "float64" for name in EVENT_COLUMNS},
-                    keep_default_na=False,
-                    na_values={name: [""] for name in EVENT_COLUMNS if name not in _EVENT_TEXT},
-                ),
+                events=_csv(content[_EVENTS], _EVENT_TYPES),
                 summary=Summary.model_validate_json(content[_SUMMARY]),
                 covariance=PlaceCovariance.from_frame(read_frame(content[_COVARIANCE])),
                 **_of_balises(content),
@@ -248,6 +243,11 @@ def _of_balises(content: Mapping[str, bytes]) -> dict[str, Any]:
     """Return what a run that passed balises with ids has besides."""
     if not content.keys() >= set(OPTIONAL_FILES):
         return {}
-    table = pd.read_csv(io.BytesIO(content[_BALISES]), dtype=_TYPES, keep_default_na=False, na_values=_NO_NUMBER)
     passages = BalisePassages.from_frame(read_frame(content[_PASSAGES]))
-    return {"balises": table, "passages": passages}
+    return {"balises": _csv(content[_BALISES], _BALISE_TYPES), "passages": passages}
+
+
+def _csv(content: bytes, types: dict[str, str]) -> pd.DataFrame:
+    """Return a table of texts and of numbers, NaN where these have an empty cell."""
+    empty = {name: [""] for name, kind in types.items() if kind != "str"}
+    return pd.read_csv(io.BytesIO(content), dtype=types, keep_default_na=False, na_values=empty)
