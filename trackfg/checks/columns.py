@@ -21,32 +21,39 @@ SMALLEST_SIGMA_M = 1e-9
 
 @dataclass(frozen=True)
 class ColumnPlace:
-    """The file and the name of a column, and the time of each row (n,), s, for the message; None if not known."""
+    """The file and the name of a column, and the time of each row (n,), s, for the message; None if not known.
+
+    Without a ``column`` it is the whole row.
+    """
 
     file: str
-    column: str
+    column: str | None
     t: Array | None = None
 
-    def error(self, code: str, message: str, row: int, *, expected: str | None, hint: str | None) -> Finding:
-        """Return an error in the row of that index."""
-        return self.at_row("error", code, message, row, expected=expected, hint=hint)
-
     def at_row(
-        self, level: Level, code: str, message: str, row: int, *, expected: str | None, hint: str | None
+        self, row: int, code: str, message: str, expected: str | None, hint: str | None, level: Level = "error"
     ) -> Finding:
         """Return a finding in the row of that index."""
         time = float(self.t[row]) if self.t is not None and np.isfinite(self.t[row]) else None
-        return Finding(
-            level,
-            code,
-            message,
-            file=self.file,
-            column=self.column,
-            row=row + 1,
-            time_s=time,
-            expected=expected,
-            hint=hint,
-        )
+        finding = Finding(level, code, message, file=self.file, column=self.column, expected=expected, hint=hint)
+        return replace(finding, row=row + 1, time_s=time)
+
+    def at_first(
+        self, wrong: NDArray[np.bool_], code: str, message: str, expected: str, hint: str, level: Level = "error"
+    ) -> list[Finding]:
+        """Return a finding in the first row marked in ``wrong``, with the number of such rows; none if no row is."""
+        count = int(np.count_nonzero(wrong))
+        if count > 1:
+            message += f" ({count} such rows)"
+        return [self.at_row(int(np.argmax(wrong)), code, message, expected, hint, level)] if count else []
+
+    def at_first_value(
+        self, values: Array, wrong: NDArray[np.bool_], code: str, message: str, expected: str, hint: str
+    ) -> list[Finding]:
+        """Return an error likewise, whose message begins with the value in that row."""
+        if not wrong.any():
+            return []
+        return self.at_first(wrong, code, f"{values[np.argmax(wrong)]:.9g}: {message}", expected, hint)
 
 
 def not_finite(values: Array, place: ColumnPlace) -> list[Finding]:
@@ -57,8 +64,8 @@ def not_finite(values: Array, place: ColumnPlace) -> list[Finding]:
     empty = np.isnan(values)
     hint = "remove the row, or write the value"
     return [
-        *_at_first(empty, place, "nan", "empty or NaN", "a finite number", hint),
-        *_at_first(magnitude > LARGEST, place, "infinite", f"infinite, or above {LARGEST:g}", "a finite number", hint),
+        *place.at_first(empty, "nan", "empty or NaN", "a finite number", hint),
+        *place.at_first(magnitude > LARGEST, "infinite", f"infinite, or above {LARGEST:g}", "a finite number", hint),
     ]
 
 
@@ -69,16 +76,10 @@ def not_increasing(t: Array, place: ColumnPlace) -> list[Finding]:
         return []
     expected = "times that grow from row to row"
     place = replace(place, t=t)
-    return [
-        *_at_first(
-            steps == 0, place, "time-repeated", "the time of the row before again",
-            expected, "remove the repeated rows, or give the time more digits",
-        ),
-        *_at_first(
-            steps < 0, place, "time-falls", "earlier than the row before",
-            expected, "sort the rows by time; repair a clock that was set while recording",
-        ),
-    ]  # fmt: skip
+    hint = "remove the repeated rows, or give the time more digits"
+    repeated = place.at_first(steps == 0, "time-repeated", "the time of the row before again", expected, hint)
+    hint = "sort the rows by time; repair a clock that was set while recording"
+    return [*repeated, *place.at_first(steps < 0, "time-falls", "earlier than the row before", expected, hint)]
 
 
 def gaps(t: Array, place: ColumnPlace, warning_s: float, error_s: float | None) -> list[Finding]:
@@ -96,19 +97,10 @@ def gaps(t: Array, place: ColumnPlace, warning_s: float, error_s: float | None) 
     limit = error_s if is_error and error_s is not None else limit
     count = int(np.count_nonzero(steps > limit))
     more = f"; {count} gaps above {limit:.3g} s" if count > 1 else ""
-    return [
-        Finding(
-            "error" if is_error else "warning",
-            "gap",
-            f"no rows for {gap:.4g} s before this one{more}",
-            file=place.file,
-            column=place.column,
-            row=longest + 2,
-            time_s=float(t[longest + 1]),
-            expected=f"at most {limit:.3g} s",
-            hint="recover the missing rows, or cut the recording in two here" if is_error else None,
-        )
-    ]
+    message, expected = f"no rows for {gap:.4g} s before this one{more}", f"at most {limit:.3g} s"
+    hint = "recover the missing rows, or cut the recording in two here" if is_error else None
+    level: Level = "error" if is_error else "warning"
+    return [replace(place, t=t).at_row(longest + 1, "gap", message, expected, hint, level)]
 
 
 def unusable_sigmas(sd: Array, place: ColumnPlace) -> list[Finding]:
@@ -116,8 +108,8 @@ def unusable_sigmas(sd: Array, place: ColumnPlace) -> list[Finding]:
     hint = "write the 1-sigma error in m"
     tiny, expected = (sd > 0) & (sd < SMALLEST_SIGMA_M), f"{SMALLEST_SIGMA_M:g} m or more"
     return [
-        *_at_first(sd <= 0, place, "bad-sigma", "a sigma that is zero or negative", "a number above 0", hint, sd),
-        *_at_first(tiny, place, "bad-sigma", "a sigma that no place has", expected, hint, sd),
+        *place.at_first_value(sd, sd <= 0, "bad-sigma", "a sigma that is zero or negative", "a number above 0", hint),
+        *place.at_first_value(sd, tiny, "bad-sigma", "a sigma that no place has", expected, hint),
     ]
 
 
@@ -126,21 +118,20 @@ def falling(distance: Array, place: ColumnPlace) -> list[Finding]:
     hint = "set tach.signed = true if the vehicle rolled back; a counter that wraps must be unwrapped first"
     expected = "a value that never falls, as tach.signed = false"
     back = np.diff(distance, prepend=-np.inf) < 0
-    return _at_first(back, place, "tach-backwards", "the tach runs backwards", expected, hint, distance)
+    return place.at_first_value(distance, back, "tach-backwards", "the tach runs backwards", expected, hint)
 
 
-def negative_speed(speed: Array, place: ColumnPlace) -> list[Finding]:
-    """A speed below zero although the tach is declared unsigned."""
-    hint = "set tach.signed = true if the vehicle rolled back"
-    expected = "a speed of zero or more, as tach.signed = false"
-    return _at_first(speed < 0, place, "tach-backwards", "the tach runs backwards", expected, hint, speed)
+_BACKWARDS = {
+    "tach": ("tach-backwards", "the tach runs backwards"),
+    "speed": ("speed-backwards", "the sensor sees it go backwards"),
+}
 
 
-def negative_speed_over_ground(speed: Array, place: ColumnPlace) -> list[Finding]:
-    """A speed over ground below zero although its sensor is declared unsigned."""
-    hint = "set speed.signed = true if the vehicle rolled back"
-    expected = "a speed of zero or more, as speed.signed = false"
-    return _at_first(speed < 0, place, "speed-backwards", "the sensor sees it go backwards", expected, hint, speed)
+def negative_speed(speed: Array, place: ColumnPlace, sensor: str = "tach") -> list[Finding]:
+    """A speed below zero although the ``sensor``, a tach or one of the speed over ground, is declared unsigned."""
+    hint = f"set {sensor}.signed = true if the vehicle rolled back"
+    expected = f"a speed of zero or more, as {sensor}.signed = false"
+    return place.at_first_value(speed, speed < 0, *_BACKWARDS[sensor], expected, hint)
 
 
 def outside(values: Array, low: float, high: float, place: ColumnPlace) -> list[Finding]:
@@ -148,25 +139,4 @@ def outside(values: Array, low: float, high: float, place: ColumnPlace) -> list[
     wrong = (values < low) | (values > high)
     hint = 'check the order in gnss.position: latitude, longitude, height; for east, north, up set frame = "local"'
     expected = f"{low:g} to {high:g} deg"
-    return _at_first(wrong, place, "position-range", "no such position on the Earth", expected, hint, values)
-
-
-def _at_first(
-    wrong: NDArray[np.bool_],
-    place: ColumnPlace,
-    code: str,
-    message: str,
-    expected: str,
-    hint: str,
-    values: Array | None = None,
-) -> list[Finding]:
-    """One error for the first row marked in ``wrong``, with its value if ``values`` are given; none if no row is."""
-    count = int(np.count_nonzero(wrong))
-    if count == 0:
-        return []
-    i = int(np.argmax(wrong))
-    if values is not None:
-        message = f"{values[i]:.9g}: {message}"
-    if count > 1:
-        message += f" ({count} such rows)"
-    return [place.error(code, message, i, expected=expected, hint=hint)]
+    return place.at_first_value(values, wrong, "position-range", "no such position on the Earth", expected, hint)

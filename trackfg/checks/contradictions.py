@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -87,32 +88,21 @@ def _columns(imu: Imu, force: ForceFit | None) -> list[Finding]:
         turned = [names[j] for j, is_negated in zip(order, negated, strict=True) if is_negated]
         if not moved and not turned:
             continue
-        wrong = " and ".join(
-            text
-            for text, columns in (
-                (f"{_listed(moved)} are in the wrong order", moved),
-                (f"{_listed(turned)} {'has' if len(turned) == 1 else 'have'} the wrong sign", turned),
-            )
-            if columns
-        )
-        wanted = ", ".join(f'"{names[j]}"' for j in order)
-        hints = [f"set imu.{sensor} = [{wanted}]"] * bool(moved) + [f"negate {_listed(turned)}"] * bool(turned)
+        faults, edits = [], []
+        if moved:
+            faults.append(f"{_listed(moved)} are in the wrong order")
+            wanted = ", ".join(f'"{names[j]}"' for j in order)
+            edits.append(f"set imu.{sensor} = [{wanted}]")
+        if turned:
+            faults.append(f"{_listed(turned)} {'has' if len(turned) == 1 else 'have'} the wrong sign")
+            edits.append(f"negate {_listed(turned)}")
         message = (
             f"the specific force that tach and gyro imply is {force.contradiction:.3g} times further off than if "
-            f"{wrong} (power of the difference)"
+            f"{' and '.join(faults)} (power of the difference)"
         )
-        code = _COLUMN_CODES[sensor][int(bool(moved))]
-        found.append(
-            Finding(
-                "warning",
-                code,
-                message,
-                file=imu.file,
-                column=", ".join(moved or turned),
-                expected="gyro and accelerometer in one right-handed triad, as imu.axes",
-                hint=" and ".join(hints),
-            )
-        )
+        code, columns = _COLUMN_CODES[sensor][int(bool(moved))], ", ".join(moved or turned)
+        expected, hint = "gyro and accelerometer in one right-handed triad, as imu.axes", " and ".join(edits)
+        found.append(Finding("warning", code, message, file=imu.file, column=columns, expected=expected, hint=hint))
     return found
 
 
@@ -214,9 +204,10 @@ def _rescaled(tach: Tach, scale: float) -> tuple[str, str]:
 def _silence(tach: Tach | None, spans: Sequence[SilentSpan]) -> list[Finding]:
     """One finding for the longest span of each kind."""
     found = []
-    for kind, code, what in (
-        ("constant", "tach-silent", "stays at one value"),
-        ("absent", "tach-absent", "has no rows"),
+    remove = "remove these rows, or [tach]: a wheel that stands still reads as a slide"
+    for kind, code, what, hint in (
+        ("constant", "tach-silent", "stays at one value", remove),
+        ("absent", "tach-absent", "has no rows", None),
     ):
         of_kind = [span for span in spans if span.kind == kind]
         if tach is None or not of_kind:
@@ -225,21 +216,8 @@ def _silence(tach: Tach | None, spans: Sequence[SilentSpan]) -> list[Finding]:
         message = f"{what} from t = {longest.start_s:.6g} to {longest.end_s:.6g} s, while the IMU moves"
         if len(of_kind) > 1:
             message += f" ({len(of_kind)} such spans)"
-        hint = (
-            "remove these rows, or [tach]: a wheel that stands still reads as a slide" if kind == "constant" else None
-        )
-        found.append(
-            Finding(
-                "warning",
-                code,
-                message,
-                file=tach.file,
-                column=tach.column,
-                time_s=longest.start_s,
-                expected="motion",
-                hint=hint,
-            )
-        )
+        about = Finding("warning", code, message, file=tach.file, column=tach.column, expected="motion", hint=hint)
+        found.append(replace(about, time_s=longest.start_s))
     return found
 
 
@@ -303,14 +281,9 @@ def _fix_order(recording: Recording) -> list[Finding]:
     if against.any():
         moved = np.interp(fixes["t_s"], recording.tach["t_s"], with_sense(recording)["distance_m"])
         against = against & (np.diff(moved, prepend=moved[:1]) > 0.0)
-    if not against.any():
-        return []
-    i = int(against.argmax())
     message = f"chainage runs against track.direction = {recording.description.track.direction}"
-    if (count := int(against.sum())) > 1:
-        message += f" ({count} such rows)"
     hint = "set track.direction = -1 if chainage falls along this run, or sort out the mixed-up fix"
     if recording.description.track.direction == -1:
         hint = hint.replace("-1", "1").replace("falls", "grows")
     place = ColumnPlace(part.file, part.chainage, fixes["t_s"].to_numpy())
-    return [place.at_row("warning", "fix-order", message, i, expected="chainages in the order of the run", hint=hint)]
+    return place.at_first(against, "fix-order", message, "chainages in the order of the run", hint, "warning")

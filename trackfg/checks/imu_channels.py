@@ -52,18 +52,7 @@ def _repeated(imu: Imu, t: Array, sensor: Array, limits: CheckLimits) -> list[Fi
         f"all six channels repeat the row before in {share:.1%} of the rows, at worst for {seconds:.3g} s from here"
     )
     hint = "remove the repeated rows: a gap is bridged honestly, invented samples are not"
-    return [
-        Finding(
-            "warning",
-            "rows-repeated",
-            message,
-            file=imu.file,
-            row=start + 1,
-            time_s=float(t[start]),
-            expected="samples",
-            hint=hint,
-        )
-    ]
+    return [ColumnPlace(imu.file, None, t).at_row(start, "rows-repeated", message, "samples", hint, "warning")]
 
 
 def _plateau(
@@ -91,7 +80,7 @@ def _plateau(
         code, expected = "stuck-channel", "a signal with noise"
         message = "constant over the whole recording" if whole else f"constant for {t[end] - t[start]:.4g} s"
         hint = "check the sensor and the logger's resolution"
-    return [ColumnPlace(imu.file, name, t).at_row("warning", code, message, start, expected=expected, hint=hint)]
+    return [ColumnPlace(imu.file, name, t).at_row(start, code, message, expected, hint, "warning")]
 
 
 def _impossible(imu: Imu, name: str, t: Array, channel: Array, most: float, unit: str) -> list[Finding]:
@@ -101,10 +90,8 @@ def _impossible(imu: Imu, name: str, t: Array, channel: Array, most: float, unit
     i, count = int(beyond.argmax()), int(np.count_nonzero(beyond))
     message = f"{channel[i]:.6g} {unit}" + (f", and {count - 1} more such values" if count > 1 else "")
     hint = "remove the rows: a short gap is bridged"
-    expected = f"at most {most:g} {unit}"
-    return [
-        ColumnPlace(imu.file, name, t).at_row("warning", "impossible-value", message, i, expected=expected, hint=hint)
-    ]
+    place, expected = ColumnPlace(imu.file, name, t), f"at most {most:g} {unit}"
+    return [place.at_row(i, "impossible-value", message, expected, hint, "warning")]
 
 
 def _longest_run(mask: np.ndarray) -> tuple[int, int]:

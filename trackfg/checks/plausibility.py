@@ -57,26 +57,22 @@ def findings(
 def _track(track: Track, toml: str, gnss_origin: Array | None) -> list[Finding]:
     found = []
     for key in ("gauge_m", "cross_level_base_m"):
-        value = getattr(track, key)
-        if not 0.3 <= value <= 4.0:
-            hint = f"write {value / 1000:g}" if 300 <= value <= 4000 else None
-            found.append(
-                Finding(
-                    "error",
-                    "track-size",
-                    f"is {value:g} m",
-                    file=toml,
-                    column=f"track.{key}",
-                    expected="0.3 to 4 m",
-                    hint=hint,
-                )
-            )
+        found += _unusual_size("error", "track-size", getattr(track, key), (0.3, 4.0), Section(toml, f"track.{key}"))
     latitude = track.latitude_deg
     if latitude is not None and gnss_origin is not None and abs(latitude - gnss_origin[0]) > 0.5:
         message = f"is {latitude:g} deg, but the GNSS positions are at {gnss_origin[0]:.3f} deg"
         hint = f"write {gnss_origin[0]:.3f}"
         found.append(Finding("warning", "latitude", message, file=toml, column="track.latitude_deg", hint=hint))
     return found
+
+
+def _unusual_size(level: Level, code: str, size_m: float, usual_m: tuple[float, float], key: Section) -> list[Finding]:
+    low, high = usual_m
+    if low <= size_m <= high:
+        return []
+    hint = f"write {size_m / 1000:g}" if 1000 * low <= size_m <= 1000 * high else None
+    expected = f"{low:g} to {high:g} m"
+    return [Finding(level, code, f"is {size_m:g} m", file=key.file, column=key.name, expected=expected, hint=hint)]
 
 
 def _imu_interval(imu: Imu, table: pd.DataFrame, limits: CheckLimits) -> list[Finding]:
@@ -87,12 +83,8 @@ def _imu_interval(imu: Imu, table: pd.DataFrame, limits: CheckLimits) -> list[Fi
     raw = interval / to_si("time", imu.time_unit)
     units = [unit for unit in known_units("time") if 2e-4 <= raw * to_si("time", unit) <= high]
     hint = f'set imu.time_unit = "{units[0]}"' if units else "check the time column and imu.time_unit"
-    message = f"rows are {interval:.4g} s apart (median)"
-    return [
-        Finding(
-            "error", "time-unit", message, file=imu.file, column=imu.time, expected=f"{low:g} to {high:g} s", hint=hint
-        ),
-    ]
+    message, expected = f"rows are {interval:.4g} s apart (median)", f"{low:g} to {high:g} s"
+    return [Finding("error", "time-unit", message, file=imu.file, column=imu.time, expected=expected, hint=hint)]
 
 
 def _gravity(imu: Imu, table: pd.DataFrame, toml: str, limits: CheckLimits) -> list[Finding]:
@@ -191,23 +183,12 @@ def speed_findings(code: str, speed: Array, part: Tach | Speed, hint: str, limit
     fastest = float(np.quantile(np.abs(speed), 0.99)) if speed.size else 0.0
     if fastest <= limits.speed_error_mps:
         return []
-    return [
-        Finding(
-            "error",
-            code,
-            f"speeds of {fastest:.4g} m/s as declared",
-            file=part.file,
-            column=part.column,
-            expected=f"at most {limits.speed_error_mps:g} m/s",
-            hint=hint,
-        )
-    ]
+    message, expected = f"speeds of {fastest:.4g} m/s as declared", f"at most {limits.speed_error_mps:g} m/s"
+    return [Finding("error", code, message, file=part.file, column=part.column, expected=expected, hint=hint)]
 
 
 def tach_findings(tach: Tach, section: Section, table: pd.DataFrame, limits: CheckLimits) -> list[Finding]:
     """Speeds that no vehicle has, and a wheel of no usual size."""
-    found = []
-    hint: str | None
     t, distance = table["t_s"].to_numpy(), table["distance_m"].to_numpy()
     span = max(1, int(np.searchsorted(t, t[0] + 1.0)))
     speed = np.abs(distance[span:] - distance[:-span]) / (t[span:] - t[:-span])
@@ -216,21 +197,10 @@ def tach_findings(tach: Tach, section: Section, table: pd.DataFrame, limits: Che
         if tach.kind == "pulses"
         else f"check {section.name}.kind and {section.name}.unit"
     )
-    found += speed_findings("tach-unit", speed, tach, hint, limits)
-    diameter = tach.wheel_diameter_m
-    if diameter is not None and not 0.2 <= diameter <= 2.0:
-        hint = f"write {diameter / 1000:g}" if 200 <= diameter <= 2000 else None
-        found.append(
-            Finding(
-                "warning",
-                "wheel-diameter",
-                f"is {diameter:g} m",
-                file=section.file,
-                column=f"{section.name}.wheel_diameter_m",
-                expected="0.2 to 2 m",
-                hint=hint,
-            )
-        )
+    found = speed_findings("tach-unit", speed, tach, hint, limits)
+    if tach.wheel_diameter_m is not None:
+        key = Section(section.file, f"{section.name}.wheel_diameter_m")
+        found += _unusual_size("warning", "wheel-diameter", tach.wheel_diameter_m, (0.2, 2.0), key)
     return found
 
 
@@ -239,7 +209,6 @@ def laser_findings(laser: Laser, section: Section, table: pd.DataFrame, limits: 
     displacement = table["displacement_m"].to_numpy()
     largest = float(np.quantile(np.abs(displacement), 0.9))
     low, high = np.quantile(displacement, [0.05, 0.95])
-    message = None
     if largest > limits.laser_range_m:
         message = f"displacements of {largest:.4g} m as declared ({laser.unit})"
         hint = 'the data look like mm: set unit = "mm"' if laser.unit == "m" else "divide the data by 1000"
@@ -248,26 +217,17 @@ def laser_findings(laser: Laser, section: Section, table: pd.DataFrame, limits: 
         message = f"the displacement varies by {high - low:.3g} m as declared (mm), far below its sigma"
         hint = 'the data look like m: set unit = "m"'
         expected = f"a variation above {laser.sd_m:g} m"
-    if message is None:
+    else:
         return []
-    return [
-        Finding(
-            "error",
-            "laser-unit",
-            f"{message} ({section.name}.unit)",
-            file=laser.file,
-            column=laser.column,
-            expected=expected,
-            hint=hint,
-        )
-    ]
+    message += f" ({section.name}.unit)"
+    return [Finding("error", "laser-unit", message, file=laser.file, column=laser.column, expected=expected, hint=hint)]
 
 
 def _overlaps(
     imu: pd.DataFrame, parts: Mapping[str, Model], tables: Mapping[str, pd.DataFrame], limits: CheckLimits
 ) -> list[Finding]:
     """Tables whose time does not meet the IMU's, or meets it in part only."""
-    found = []
+    found, expected = [], "times within those of the IMU"
     begin, end = imu["t_s"].iloc[[0, -1]]
     for name, table in tables.items():
         part = parts[name]
@@ -276,23 +236,20 @@ def _overlaps(
         t = table["t_s"].to_numpy()
         share = float(np.mean((t >= begin) & (t <= end)))
         near = _near(imu, table, limits)
-        if not near.all():
-            found.append(_far_rows(part, t, near, begin, end))
+        message = f"far from the IMU's time, {begin:.9g} to {end:.9g} s: left out"
+        hint = "remove the rows, or write their times on the recording's clock"
+        place = ColumnPlace(part.file, part.time, t)
+        found += place.at_first(~near, "clocks-apart", message, expected, hint, "warning")
         if share >= limits.overlap_warning:
             continue
         message = f"the table covers {t[0]:.9g} to {t[-1]:.9g} s, the IMU {begin:.9g} to {end:.9g} s"
         is_error = (share == 0.0 and (t[0] > end or t[-1] < begin)) or not near.any()
         section = f"[[{name.partition('[')[0]}]]" if name.endswith("]") else f"[{name}]"
+        message += ": the clocks do not overlap" if is_error else f": {share:.0%} of its rows are within"
+        hint = f"set time_offset_s of {section} (first rows together: {begin - t[0]:.9g}), or its time_unit"
+        level: Level = "error" if is_error else "warning"
         found.append(
-            Finding(
-                "error" if is_error else "warning",
-                "clocks-apart",
-                message + (": the clocks do not overlap" if is_error else f": {share:.0%} of its rows are within"),
-                file=part.file,
-                column=part.time,
-                expected="times within those of the IMU",
-                hint=f"set time_offset_s of {section} (first rows together: {begin - t[0]:.9g}), or its time_unit",
-            )
+            Finding(level, "clocks-apart", message, file=part.file, column=part.time, expected=expected, hint=hint)
         )
     return found
 
@@ -311,15 +268,3 @@ def _near(imu: pd.DataFrame, table: pd.DataFrame, limits: CheckLimits) -> np.nda
     begin, end = imu["t_s"].iloc[[0, -1]]
     apart_s = max(end - begin, limits.far_row_s)
     return table["t_s"].between(begin - apart_s, end + apart_s).to_numpy()
-
-
-def _far_rows(part: Table, t: Array, near: np.ndarray, begin: float, end: float) -> Finding:
-    far = np.flatnonzero(~near)
-    message = f"far from the IMU's time, {begin:.9g} to {end:.9g} s: left out" + (
-        f" ({far.size} such rows)" if far.size > 1 else ""
-    )
-    place = ColumnPlace(part.file, part.time, t)
-    hint = "remove the rows, or write their times on the recording's clock"
-    return place.at_row(
-        "warning", "clocks-apart", message, int(far[0]), expected="times within those of the IMU", hint=hint
-    )

@@ -80,8 +80,7 @@ def _ids(folder: Path, file: str, column: str) -> tuple[list[str] | None, list[F
         if not 0 < len(one) <= _MOST_LETTERS:
             message = "no id" if not one else f"an id of {len(one)} letters"
             expected, hint = f"1 to {_MOST_LETTERS} letters or digits", "remove the row, or write the id"
-            fault = ColumnPlace(file, column).error("bad-id", message, row, expected=expected, hint=hint)
-            return None, [*findings, fault]
+            return None, [*findings, ColumnPlace(file, column).at_row(row, "bad-id", message, expected, hint)]
     return ids, findings
 
 
@@ -108,7 +107,7 @@ def _places(folder: Path, file: str, part: Balises) -> tuple[pd.DataFrame | None
             message = f"balise {ids[i]!r} has {rows[name].iloc[i]:.10g} here and {first[name].iloc[i]:.10g} further up"
             hint = "give two balises two ids, or correct the row"
             expected = "the same in all rows of one id"
-            findings.append(ColumnPlace(file, column).error("id-twice", message, i, expected=expected, hint=hint))
+            findings.append(ColumnPlace(file, column).at_row(i, "id-twice", message, expected, hint))
     if errors(findings):
         return None, findings
     return pd.concat([rows[["id"]], first], axis=1).drop_duplicates("id", ignore_index=True), findings

@@ -8,7 +8,7 @@ from functools import partial
 import numpy as np
 import pandas as pd
 
-from trackfg.checks.columns import ColumnPlace, negative_speed_over_ground
+from trackfg.checks.columns import ColumnPlace, negative_speed
 from trackfg.checks.limits import CheckLimits
 from trackfg.io.formats.sensor_format import Impossible, ReadColumns, RowsAlone, SensorFormat, WrittenTable
 from trackfg.numerics.arrays import Array
@@ -40,7 +40,7 @@ class SpeedFormat(SensorFormat[Speed]):
         speed = read.named[part.column]
         if part.signed or speed is None:
             return []
-        return negative_speed_over_ground(speed, ColumnPlace(part.file, part.column, read.t))
+        return negative_speed(speed, ColumnPlace(part.file, part.column, read.t), "speed")
 
     def doubts(self, part: Speed, section: Section, table: pd.DataFrame, limits: CheckLimits) -> list[Finding]:
         """Speeds of no vehicle."""
