@@ -24,23 +24,6 @@ from trackfg.sensors.standstills import find_standstills
 from trackfg.sensors.tach import with_sense
 from trackfg.sensors.tach_rows import tach_quantum_m
 
-__all__ = [
-    "AxesEstimate",
-    "ClockOffset",
-    "Estimates",
-    "NoiseDensity",
-    "StaticBias",
-    "WheelScale",
-    "estimate_axes",
-    "estimate_clock_offset",
-    "estimates_of",
-    "noise_density",
-    "scale_from_fixes",
-    "scale_from_gnss",
-    "static_bias",
-    "tach_quantum_m",
-]
-
 
 @dataclass(frozen=True)
 class Estimates:

@@ -81,7 +81,7 @@ def write_recording(
     _refuse_to_destroy(folder, recording)
     if truth_geometry is not None and truth is None:
         raise BadInputError("truth_geometry without truth: expected both")
-    description, tables = _written(recording, table_format)
+    description, tables = canonical_form(recording, table_format)
     if truth is not None:
         geometry_file = None if truth_geometry is None else f"truth_geometry.{table_format}"
         answer = Truth(file=f"truth.{table_format}", time="t_s", geometry=geometry_file)
@@ -112,13 +112,10 @@ def _having(table: pd.DataFrame, column: str, file: str) -> pd.DataFrame:
     return table
 
 
-def canonical_description(recording: Recording, table_format: TableFormat = "parquet") -> RecordingDescription:
-    """The description of the canonical tables: ``recording``'s, but for files, columns and units."""
-    return _written(recording, table_format)[0]
-
-
-def _written(recording: Recording, table_format: str) -> tuple[RecordingDescription, dict[str, pd.DataFrame]]:
-    """The description of what is written, and by file name the tables."""
+def canonical_form(recording: Recording, table_format: str) -> tuple[RecordingDescription, dict[str, pd.DataFrame]]:
+    """Return the canonical tables by file name, and before them their description: but for files, columns and units
+    that of the ``recording``.
+    """
     description, tables = recording.description, recording.tables
     files: dict[str, pd.DataFrame] = {}
     described = dict(sensors_of(description))

@@ -11,23 +11,18 @@ import pandas as pd
 import pytest
 
 from trackfg.checks.contradictions import diagnose
-from trackfg.checks.diagnosis import (
-    Estimates,
-    estimate_axes,
-    estimate_clock_offset,
-    noise_density,
-    scale_from_fixes,
-    scale_from_gnss,
-    static_bias,
-    tach_quantum_m,
-)
-from trackfg.checks.diagnosis_axes import AXES, propose_axes
+from trackfg.checks.diagnosis import Estimates
+from trackfg.checks.diagnosis_axes import AXES, estimate_axes, propose_axes
+from trackfg.checks.diagnosis_clock import estimate_clock_offset
+from trackfg.checks.diagnosis_rest import noise_density, static_bias
+from trackfg.checks.diagnosis_wheel import scale_from_fixes, scale_from_gnss
 from trackfg.datasets.scenarios import simulate
 from trackfg.io.check import check_recording
 from trackfg.io.reader import read_recording
 from trackfg.numerics.geodesy import normal_gravity
 from trackfg.numerics.rotations import axes_matrix
 from trackfg.recording.model import Recording
+from trackfg.sensors.tach_rows import tach_quantum_m
 
 Draft = Any
 MakeDraft = Callable[..., Draft]
