@@ -10,7 +10,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from trackfg.errors import BadInputError
-from trackfg.io.description_reader import ReadDescription, locate, read_description
+from trackfg.io.description_reader import locate, read_description
 from trackfg.io.table_file import resolve_inside
 from trackfg.recording.description import Truth
 
@@ -20,20 +20,15 @@ _MOST_LINE_BYTES = 4 * 2**30
 
 def content_files(path: Path | str) -> tuple[Path, tuple[str, ...]]:
     """Return the folder of a recording, and the names in it of its description and of the files that this names."""
-    folder, _ = locate(path)
-    return folder, _content_names(path, read_description(path))
+    folder, toml = locate(path)
+    return folder, (toml.name, *read_description(path).files)
 
 
 def named_files(path: Path | str) -> tuple[str, ...]:
     """Return the names of all files that a recording is read with: its content, and those of its truth."""
     read = read_description(path)
-    names, truth = _content_names(path, read), read.parts.get("truth")
-    return (*names, *filter(None, (truth.file, truth.geometry))) if isinstance(truth, Truth) else names
-
-
-def _content_names(path: Path | str, read: ReadDescription) -> tuple[str, ...]:
-    _, toml = locate(path)
-    return (toml.name, *read.files)
+    truth = read.parts.get("truth")
+    return (locate(path)[1].name, *read.files, *(truth.files if isinstance(truth, Truth) else ()))
 
 
 def file_sha256(path: Path) -> bytes:

@@ -7,7 +7,6 @@ exception, ``trackfg check`` lists everything. There is no second copy of a chec
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -19,14 +18,13 @@ from trackfg.errors import BadInputError
 from trackfg.files import atomic_folder
 from trackfg.io.balises import read_balises
 from trackfg.io.content import files_sha256
-from trackfg.io.description_reader import ReadDescription, locate, read_description
+from trackfg.io.description_reader import locate, read_description
 from trackfg.io.formats.gnss import GnssConverter
 from trackfg.io.formats.registry import format_of, sensors_of
 from trackfg.io.known_lines import line_of_recording
 from trackfg.io.table_file import resolve_inside
 from trackfg.io.tables import Tables, canonical_table
 from trackfg.io.writer import write_recording
-from trackfg.numerics.arrays import Array
 from trackfg.recording.description import Balises, KnownLineFile, Truth
 from trackfg.recording.findings import Finding, Section, errors
 from trackfg.recording.model import Recording
@@ -115,7 +113,8 @@ def load(path: Path | str, limits: CheckLimits | None = None) -> LoadedRecording
         known_line, faults = line_of_recording(folder, tracks)
         findings += faults
     if isinstance(truth := read.parts.get("truth"), Truth):
-        findings += _truth_files(folder, truth)
+        for file in truth.files:  # whether they are there; their content is not looked at
+            findings += resolve_inside(folder, file)[1]
     findings += plausibility.findings(read.parts, tables, toml.name, limits, gnss_origin)
     tables = {name: plausibility.of_this_run(tables.get("imu"), table, limits) for name, table in tables.items()}
     for name, table in tables.items():
@@ -123,36 +122,20 @@ def load(path: Path | str, limits: CheckLimits | None = None) -> LoadedRecording
     if balises is not None:
         balises = plausibility.of_this_run(tables.get("imu"), balises, limits)
     distinct = tuple(dict.fromkeys(findings))
-    recording = _assemble(read, tables, gnss_origin, folder, distinct)
-    if recording is not None:
-        digest = files_sha256(folder, (toml.name, *read.files))
-        recording = replace(recording, files_sha256=digest, balises=balises, known_line=known_line)
-    return LoadedRecording(distinct, recording)
-
-
-def _assemble(
-    read: ReadDescription,
-    tables: Mapping[str, pd.DataFrame],
-    gnss_origin: Array | None,
-    folder: Path,
-    findings: tuple[Finding, ...],
-) -> Recording | None:
-    """The recording, if its description and all of its tables are sound."""
-    description = read.description
-    if description is None or set(tables) != set(read.sensors):
-        return None
+    if read.description is None or set(tables) != set(sensors):
+        return LoadedRecording(distinct)
     # Both are in the order of the registry.
-    named = {name: tables[key] for (name, _), key in zip(sensors_of(description), read.sensors, strict=True)}
-    recording = Recording.of_tables(description, named)
-    return replace(recording, gnss_origin=gnss_origin, folder=folder, findings=findings)
-
-
-def _truth_files(folder: Path, truth: Truth) -> list[Finding]:
-    """Return whether the files are there; their content is not looked at."""
-    findings = []
-    for file in filter(None, (truth.file, truth.geometry)):
-        findings += resolve_inside(folder, file)[1]
-    return findings
+    named = {name: tables[key] for (name, _), key in zip(sensors_of(read.description), sensors, strict=True)}
+    recording = replace(
+        Recording.of_tables(read.description, named),
+        gnss_origin=gnss_origin,
+        folder=folder,
+        findings=distinct,
+        files_sha256=files_sha256(folder, (toml.name, *read.files)),
+        balises=balises,
+        known_line=known_line,
+    )
+    return LoadedRecording(distinct, recording)
 
 
 def _message(found: list[Finding], path: Path | str) -> str:

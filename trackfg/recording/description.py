@@ -8,7 +8,7 @@ from __future__ import annotations
 from datetime import datetime
 from typing import Annotated, Literal
 
-from pydantic import Field, field_validator, model_validator
+from pydantic import AfterValidator, Field, field_validator, model_validator
 
 from trackfg.numerics import rotations
 from trackfg.recording.line_kilometrage import LineKilometrage
@@ -49,6 +49,9 @@ def _three_columns(names: tuple[str, str, str]) -> tuple[str, str, str]:
     if len(set(names)) < len(names):
         raise ValueError(f"is {list(names)}, one column twice: expected three different columns")
     return names
+
+
+ThreeColumns = Annotated[tuple[str, str, str], AfterValidator(_three_columns)]
 
 
 class Table(Model):
@@ -125,9 +128,9 @@ class Imu(Table):
 
     id: Annotated[Name, Field(min_length=1)] | None = None
     stamp: Literal["start", "centre", "end"] = "centre"
-    gyro: tuple[str, str, str]
+    gyro: ThreeColumns
     gyro_unit: Literal["rad/s", "deg/s"] = "rad/s"
-    accel: tuple[str, str, str]
+    accel: ThreeColumns
     accel_unit: Literal["m/s^2", "g"] = "m/s^2"
     axes: str = "FLU"
     rigid: Flag = True
@@ -144,11 +147,6 @@ class Imu(Table):
             return self.lever_arm_sd_m
         along, across, up = TAPE_SD_M if self.rigid else ON_SPRINGS_SD_M
         return along, across if any(self.lever_arm_m) else ANYWHERE_ACROSS_SD_M, up
-
-    @field_validator("gyro", "accel")
-    @classmethod
-    def _columns_differ(cls, value: tuple[str, str, str]) -> tuple[str, str, str]:
-        return _three_columns(value)
 
     @field_validator("axes")
     @classmethod
@@ -224,16 +222,11 @@ class Gnss(Table):
     default to the first row; for local ones it is optional and says where on the Earth they are.
     """
 
-    position: tuple[str, str, str]
+    position: ThreeColumns
     sd: tuple[str, str, str]
     frame: Literal["geodetic", "local"] = "geodetic"
     origin: tuple[Latitude, Longitude, Height] | None = None
     lever_arm_m: tuple[Place, Place, Place] = (0.0, 0.0, 0.0)
-
-    @field_validator("position")
-    @classmethod
-    def _columns_differ(cls, value: tuple[str, str, str]) -> tuple[str, str, str]:
-        return _three_columns(value)
 
 
 class Speed(Table):
@@ -286,6 +279,11 @@ class Truth(Table):
     """The answer, where it is known. Only comparisons may open it."""
 
     geometry: str | None = None
+
+    @property
+    def files(self) -> tuple[str, ...]:
+        """The names of the tables of the trajectory and of the geometry."""
+        return tuple(filter(None, (self.file, self.geometry)))
 
 
 class RecordingDescription(Model):
