@@ -244,11 +244,11 @@ def without_imu_faults(recording: Recording, limits: CheckLimits) -> Recording:
     if not faults:
         return recording
     sound = ~np.isin(rows[:, 0], np.concatenate([fault.t for fault in faults]))
-    findings = [_finding(imu, code, [fault for fault in faults if fault.code == code]) for code in _MEANINGS]
+    by_code = {code: [fault for fault in faults if fault.code == code] for code in _MEANINGS}
     return replace(
         recording,
         imu=recording.imu[sound].reset_index(drop=True),
-        findings=(*recording.findings, *(finding for finding in findings if finding is not None)),
+        findings=(*recording.findings, *(_finding(imu, code, same) for code, same in by_code.items() if same)),
     )
 
 
@@ -259,17 +259,10 @@ _MEANINGS = {
 """What the columns of a fault do, by its code."""
 
 
-def _finding(imu: Imu, code: str, faults: list[ImuFault]) -> Finding | None:
-    """Return the finding that rows with faults of one code were dropped; None where there are none."""
-    if not faults:
-        return None
+def _finding(imu: Imu, code: str, faults: list[ImuFault]) -> Finding:
+    """Return the finding that rows with faults of one code were dropped."""
     columns = ", ".join(dict.fromkeys(name for fault in faults for name in fault.columns))
     count, first = sum(len(fault.t) for fault in faults), min(float(fault.t[0]) for fault in faults)
-    return Finding(
-        "warning",
-        "imu-rows-dropped",
-        f"{count} row{'s' if count > 1 else ''} not used, and bridged: {columns} {_MEANINGS[code]}",
-        file=imu.file,
-        time_s=first,
-        hint="check the sensor's range and its wiring; sigmas are larger there",
-    )
+    message = f"{count} row{'s' if count > 1 else ''} not used, and bridged: {columns} {_MEANINGS[code]}"
+    hint = "check the sensor's range and its wiring; sigmas are larger there"
+    return Finding("warning", "imu-rows-dropped", message, file=imu.file, time_s=first, hint=hint)

@@ -191,15 +191,9 @@ def _with_tachs_apart(data: dict[str, Any]) -> dict[str, Any]:
 
 
 def _list_of_one(key: str, file: str) -> Finding:
-    return Finding(
-        "error",
-        "bad-value",
-        f"is a list, but a recording has one {key}",
-        file=file,
-        column=key,
-        expected=f"one table [{key}]",
-        hint=f"write [{key}], and a recording of its own for each other {key}",
-    )
+    message, expected = f"is a list, but a recording has one {key}", f"one table [{key}]"
+    hint = f"write [{key}], and a recording of its own for each other {key}"
+    return Finding("error", "bad-value", message, file=file, column=key, expected=expected, hint=hint)
 
 
 def _named_parts(data: Mapping[str, Any]) -> Iterator[tuple[str, type[Model], Any]]:

@@ -10,7 +10,7 @@ from __future__ import annotations
 import csv
 import os
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path, PurePosixPath, PureWindowsPath
 
 import numpy as np
@@ -51,11 +51,12 @@ class TableFile:
         if len(self.columns) == 1 and any(separator in self.columns[0] for separator in ";\t"):
             hint = "separate the cells by commas"
         expected = f"one of {', '.join(self.columns[:30])}" if self.columns else "a header: the file is empty"
-        return None, [
-            Finding(
-                "error", "missing-column", "no such column", file=self.name, column=column, expected=expected, hint=hint
-            )
-        ]
+        return None, [_fault("missing-column", "no such column", self.name, column, expected, hint)]
+
+
+def _fault(code: str, message: str, file: str, column: str, expected: str, hint: str | None = None) -> Finding:
+    """Return an error of a column."""
+    return Finding("error", code, message, file=file, column=column, expected=expected, hint=hint)
 
 
 def resolve_inside(folder: Path, name: str) -> tuple[Path | None, list[Finding]]:
@@ -101,10 +102,8 @@ def open_table(folder: Path, name: str, wanted: Iterable[str]) -> tuple[TableFil
         hint = "copy the file again from its source: it may be truncated"
         message = f"cannot be read ({first_line(error)})"
         return None, [Finding("error", "unreadable-table", message, file=name, expected=f"a {kind} table", hint=hint)]
-    suffixes = " or ".join(TABLE_SUFFIXES)
-    return None, [
-        Finding("error", "table-format", "unknown kind of table", file=name, expected=f"a file in {suffixes}")
-    ]
+    expected = f"a file in {' or '.join(TABLE_SUFFIXES)}"
+    return None, [Finding("error", "table-format", "unknown kind of table", file=name, expected=expected)]
 
 
 def text_column(folder: Path, name: str, column: str) -> tuple[list[str] | None, list[Finding]]:
@@ -149,9 +148,7 @@ def _open_parquet(path: Path, name: str, wanted: list[str]) -> TableFile:
                 values[column] = _parquet_column(parquet, column)
                 continue
             hint = "store seconds since the start as numbers" if pa.types.is_temporal(kind) else "store it as numbers"
-            faults[column] = Finding(
-                "error", "not-numeric", f"has type {kind}", file=name, column=column, expected="numbers", hint=hint
-            )
+            faults[column] = _fault("not-numeric", f"has type {kind}", name, column, "numbers", hint)
     return TableFile(name, tuple(schema.names), values, faults)
 
 
@@ -227,16 +224,8 @@ def _search_csv(
             more = f" ({len(found)} such cells)" if len(found) > 1 else ""
             message = f"{text[:40]!r} is not a number{more}"
             hint = "write decimals with a point, without units or thousands separators"
-            faults[column] = Finding(
-                "error",
-                "not-numeric",
-                message,
-                file=name,
-                column=column,
-                row=row_number,
-                expected="a number",
-                hint=hint,
-            )
+            fault = _fault("not-numeric", message, name, column, "a number", hint)
+            faults[column] = replace(fault, row=row_number)
     values = {column: np.array(cells[column]) for column in present if not wrong[column]}
     return TableFile(name, tuple(header), values, faults), []
 
@@ -253,10 +242,7 @@ def _parse(cell: str) -> float | None:
 
 
 def _repeated(names: list[str], wanted: list[str], file: str) -> dict[str, Finding]:
+    twice = [column for column in wanted if names.count(column) > 1]
     return {
-        column: Finding(
-            "error", "repeated-column", "appears more than once", file=file, column=column, expected="each name once"
-        )
-        for column in wanted
-        if names.count(column) > 1
+        column: _fault("repeated-column", "appears more than once", file, column, "each name once") for column in twice
     }
