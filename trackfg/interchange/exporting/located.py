@@ -35,11 +35,8 @@ def direction_of(result: Result) -> int:
 
 def start_of(result: Result) -> pd.Timestamp | None:
     """Return the date of t = 0, in UTC; None where the recording has none."""
-    start = None if result.summary.run is None else result.summary.run.start
-    if start is None:
-        return None
-    stamp = pd.Timestamp(start)
-    return stamp.tz_localize("UTC") if stamp.tzinfo is None else stamp.tz_convert("UTC")
+    start = None if result.summary.run is None else result.summary.run.start_utc
+    return None if start is None else pd.Timestamp(start)
 
 
 def located_geometry(result: Result) -> pd.DataFrame:

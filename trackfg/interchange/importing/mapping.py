@@ -146,16 +146,8 @@ def mapping_of(data: Dictionary[str, Any], name: str) -> Mapping:
             raise BadInputError(f"{name}: section [kilometrage] beside [geometry]; expected it with a recording only")
         kilometrage = validated(LineKilometrage, data["kilometrage"], f"{name}: ", "key ").kilometrage()
     top = {key: data[key] for key in ("id", "start", "track", "kilometrage") if key in data}
-    source = data.get("source")
-    return Mapping(
-        name,
-        None if source is None else str(source),
-        text,
-        sensors,
-        top,
-        geometry,
-        kilometrage,
-    )
+    source = str(data["source"]) if data.get("source") is not None else None
+    return Mapping(name, source, text, sensors, top, geometry, kilometrage)
 
 
 def _sections(data: Dictionary[str, Any]) -> Iterator[tuple[str, str, dict[str, Any]]]:

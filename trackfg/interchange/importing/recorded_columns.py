@@ -82,7 +82,7 @@ def _recorded(sensor: MappedSensor, unit_key: str, quantity: Quantity, times: Ti
     assert quantity in ("angular rate", "acceleration", "speed", "length")
     same = recorded_unit(unit, quantity)
     if same is not None:
-        return same.unit, same.factor
+        return same
     if sensor.kind == "imu":
         increment = factor_of(unit, INCREMENT_OF[unit_key.partition("_")[0]])
         if increment is not None:

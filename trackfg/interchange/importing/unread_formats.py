@@ -7,12 +7,10 @@ from pathlib import Path
 
 _HEAD_BYTES = 4096
 
+_ULOG = ("a ULog of PX4", "ulog2csv (pyulog) writes a CSV of each topic: import that folder")
+_BLF = ("a BLF of Vector's CANoe", "python-can and cantools decode it to CSV, or asammdf to MDF")
 _BY_CONTENT: tuple[tuple[re.Pattern[bytes], str, str], ...] = (
-    (
-        re.compile(rb"ULog\x01\x12\x35"),
-        "a ULog of PX4",
-        "ulog2csv (pyulog) writes a CSV of each topic: import that folder",
-    ),
+    (re.compile(rb"ULog\x01\x12\x35"), *_ULOG),
     (
         re.compile(rb"\xa3\x95\x80"),
         "a log of ArduPilot",
@@ -32,7 +30,7 @@ _BY_CONTENT: tuple[tuple[re.Pattern[bytes], str, str], ...] = (
         'columns of a CSV by a mapping with time = "row number"',
     ),
     (re.compile(rb"\xfa\xff"), "a binary log of Xsens (.mtb)", "MT Manager exports it as text (.txt)"),
-    (re.compile(rb"LOGG"), "a BLF of Vector's CANoe", "python-can and cantools decode it to CSV, or asammdf to MDF"),
+    (re.compile(rb"LOGG"), *_BLF),
     (re.compile(rb"\d?\|?CF,\d,\d,"), "a file of imc FAMOS", "imc FAMOS exports it as MDF, TDMS or text"),
     (re.compile(rb"DIAEXTENDED|DIAdem"), "a header of DIAdem (.dat with .r64)", "DIAdem saves it as TDMS"),
     (
@@ -53,23 +51,20 @@ _BY_CONTENT: tuple[tuple[re.Pattern[bytes], str, str], ...] = (
         "it has positions without an inertial sensor",
     ),
 )
-_BY_SUFFIX: dict[str, tuple[str, str]] = {
-    ".ods": ("a spreadsheet of OpenDocument", "save it as .xlsx or .csv"),
-    ".numbers": ("a spreadsheet of Numbers", "export it as .xlsx or .csv"),
-    ".xlsb": ("a binary workbook", "save it as .xlsx or .csv"),
-    ".pkl": ("a pickle, which can run any code", "write it as Parquet: DataFrame.to_parquet"),
-    ".pickle": ("a pickle, which can run any code", "write it as Parquet: DataFrame.to_parquet"),
-    ".rds": ("a file of R", "write it as CSV: write.csv"),
-    ".rdata": ("a file of R", "write it as CSV: write.csv"),
-    ".ulg": ("a ULog of PX4", "ulog2csv (pyulog) writes a CSV of each topic: import that folder"),
-    ".dwd": ("a file of Dewesoft", "Dewesoft X exports it as MDF, TDMS or text"),
-    ".dxd": ("a file of Dewesoft", "Dewesoft X exports it as MDF, TDMS or text"),
-    ".d7d": ("a file of Dewesoft", "Dewesoft X exports it as MDF, TDMS or text"),
-    ".blf": ("a BLF of Vector's CANoe", "python-can and cantools decode it to CSV, or asammdf to MDF"),
-    ".rinex": ("a RINEX file", "it has raw observations: solve them, as with RTKLIB, and import the positions"),
-    ".obs": ("a RINEX file", "it has raw observations: solve them, as with RTKLIB, and import the positions"),
-    ".bin": ("a binary file of unknown content", "export it as CSV with the logger's own tool"),
-    ".raw": ("a binary file of unknown content", "export it as CSV with the logger's own tool"),
+_BY_SUFFIX: dict[tuple[str, ...], tuple[str, str]] = {
+    (".ods",): ("a spreadsheet of OpenDocument", "save it as .xlsx or .csv"),
+    (".numbers",): ("a spreadsheet of Numbers", "export it as .xlsx or .csv"),
+    (".xlsb",): ("a binary workbook", "save it as .xlsx or .csv"),
+    (".pkl", ".pickle"): ("a pickle, which can run any code", "write it as Parquet: DataFrame.to_parquet"),
+    (".rds", ".rdata"): ("a file of R", "write it as CSV: write.csv"),
+    (".ulg",): _ULOG,
+    (".dwd", ".dxd", ".d7d"): ("a file of Dewesoft", "Dewesoft X exports it as MDF, TDMS or text"),
+    (".blf",): _BLF,
+    (".rinex", ".obs"): (
+        "a RINEX file",
+        "it has raw observations: solve them, as with RTKLIB, and import the positions",
+    ),
+    (".bin", ".raw"): ("a binary file of unknown content", "export it as CSV with the logger's own tool"),
 }
 
 
@@ -82,10 +77,8 @@ def unread_format(path: Path) -> str | None:
             head = stream.read(_HEAD_BYTES)
     except OSError:
         return None
-    found = next(((name, hint) for pattern, name, hint in _BY_CONTENT if pattern.match(head)), None)
-    found = found or _BY_SUFFIX.get(path.suffix.casefold())
-    return (
-        None
-        if found is None
-        else f"{path}: is {found[0]}, which is not read; expected a format that is. Hint: {found[1]}"
-    )
+    by_content = [(name, hint) for pattern, name, hint in _BY_CONTENT if pattern.match(head)]
+    by_suffix = [known for suffixes, known in _BY_SUFFIX.items() if path.suffix.casefold() in suffixes]
+    for name, hint in (*by_content, *by_suffix):
+        return f"{path}: is {name}, which is not read; expected a format that is. Hint: {hint}"
+    return None

@@ -8,7 +8,6 @@ from a versine, less the offset that it has on straights. The rest is NaN, and s
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Sequence
 
 import numpy as np
 import pandas as pd
@@ -63,7 +62,8 @@ def measured_result(table: SourceTable, reading: GeometryReading, run_id: str) -
     columns = dict(zip(names, values, strict=True))
     if reading.facing == "travel" and places.direction == -1:
         columns = _turned(columns)
-    findings = [_assumed(names)]
+    elsewhere = f"the geometry was measured by another system ({', '.join(names)}): it has no sigmas and no trajectory"
+    findings = [Finding("info", "measured-elsewhere", elsewhere)]
     deviates = _is_deviation(columns, reading)
     gauge_m = reading.gauge_m or _gauge(columns, deviates)
     if deviates:
@@ -133,26 +133,18 @@ def _conventions(
     if "twist_mm" in columns and "cross_level_mm" in columns and (base is None or anchor is None):
         found = identified_base(columns["cross_level_mm"], columns["twist_mm"], step)
         if found is None:
-            findings.append(
-                Finding(
-                    "warning",
-                    "twist-of-no-base",
-                    "the recorded twist is not that of the recorded cross-level over any base up to 20 m",
-                    hint="state geometry.twist_base_m and twist_anchor in the mapping, or leave the channel out",
-                )
-            )
+            message = "the recorded twist is not that of the recorded cross-level over any base up to 20 m"
+            hint = "state geometry.twist_base_m and twist_anchor in the mapping, or leave the channel out"
+            findings.append(Finding("warning", "twist-of-no-base", message, hint=hint))
         else:
             base, anchor = base or found.base_m, anchor or found.anchor
             columns["twist_mm"] = found.sign * columns["twist_mm"]
             where = {"behind": "behind", "centre": "around", "ahead": "ahead of"}[found.anchor]
-            findings.append(
-                Finding(
-                    "info",
-                    "twist-base",
-                    f"the recorded twist is {'' if found.sign == 1 else 'minus '}that of the recorded cross-level over "
-                    f"{found.base_m:g} m {where} its place, to {found.left_mm:.3f} mm rms",
-                )
+            message = (
+                f"the recorded twist is {'' if found.sign == 1 else 'minus '}that of the recorded cross-level over "
+                f"{found.base_m:g} m {where} its place, to {found.left_mm:.3f} mm rms"
             )
+            findings.append(Finding("info", "twist-base", message))
     return GeometryConventions(
         gauge_m=gauge_m,
         cross_level_base_m=reading.cross_level_base_m or round(gauge_m + _RAIL_HEAD_M, 3),
@@ -181,26 +173,18 @@ def _complete(columns: dict[str, Array], conventions: GeometryConventions, findi
         offset = straight_offset(curvature, step)
         columns["curvature_1pm"] = curvature - offset
         columns["versine_alignment_mm"] = columns["versine_alignment_mm"] + offset * conventions.chord_m**2 / 8e-3
-        findings.append(
-            Finding(
-                "info",
-                "versine-offset",
-                f"the curvature is that of the versine over {conventions.chord_m:g} m; on straights the channel had "
-                f"{-offset * conventions.chord_m**2 / 8e-3:.3f} mm, which is taken off",
-            )
+        message = (
+            f"the curvature is that of the versine over {conventions.chord_m:g} m; on straights the channel had "
+            f"{-offset * conventions.chord_m**2 / 8e-3:.3f} mm, which is taken off"
         )
+        findings.append(Finding("info", "versine-offset", message))
     for quantity in ("level", "alignment"):
         name = f"versine_{quantity}_mm"
         if name not in columns and f"{quantity}_mm" in columns:
             columns[name] = versine(columns[f"{quantity}_mm"], step, half, half)
             low, high = conventions.band_m
-            findings.append(
-                Finding(
-                    "info",
-                    "versine-of-a-band",
-                    f"{name} is computed from {quantity}_mm: it holds the waves of {low:g}-{high:g} m alone",
-                )
-            )
+            message = f"{name} is computed from {quantity}_mm: it holds the waves of {low:g}-{high:g} m alone"
+            findings.append(Finding("info", "versine-of-a-band", message))
 
 
 def _geometry(chainage: Array, columns: dict[str, Array], chainage_sd_m: float) -> pd.DataFrame:
@@ -219,11 +203,3 @@ def _covariance(chainage: Array, chainage_sd_m: float) -> PlaceCovariance:
     places = np.linspace(chainage[0], chainage[-1], count)
     alike = np.exp(-np.abs(places[:, None] - places) / _SAME_ERROR_M)
     return PlaceCovariance.of(places, np.kron(np.diag([chainage_sd_m**2, _CROSS_LEVEL_SD_MM**2]), alike))
-
-
-def _assumed(names: Sequence[str]) -> Finding:
-    return Finding(
-        "info",
-        "measured-elsewhere",
-        f"the geometry was measured by another system ({', '.join(names)}): it has no sigmas and no trajectory",
-    )

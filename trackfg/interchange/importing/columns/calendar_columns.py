@@ -7,6 +7,7 @@ and a time of day in digits, as receivers write them (``010526``, ``031200.005``
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable
 from dataclasses import replace
 
 import numpy as np
@@ -34,11 +35,8 @@ _FIRST_WEEK, _LAST_WEEK = 960, 4000
 
 def with_whole_dates(table: SourceTable) -> SourceTable:
     """Return a table with the column :data:`COMPOSED` where it has all parts of a date, else the table as it is."""
-    ns = _of_the_week(table)
-    if ns is None:
-        ns = _of_the_calendar(table)
-    if ns is None:
-        ns = _of_digits(table)
+    found = (read(table) for read in (_of_the_week, _of_the_calendar, _of_digits))
+    ns = next((ns for ns in found if ns is not None), None)
     if ns is None:
         return table
     return replace(table, frame=table.frame.assign(**{COMPOSED: ns}), units={**table.units, COMPOSED: "ns"})
@@ -50,7 +48,7 @@ def _of_the_week(table: SourceTable) -> np.ndarray | None:
     if None in names or names[0] == names[1]:
         return None
     columns = [table.frame[name] for name in names]
-    if not all(pd.api.types.is_numeric_dtype(column) and column.notna().all() for column in columns):
+    if not _are_numbers(columns):
         return None
     week, time = (column.to_numpy(dtype=np.float64) for column in columns)
     if not ((week >= _FIRST_WEEK) & (week <= _LAST_WEEK) & (week == np.floor(week)) & (time >= 0.0)).all():
@@ -65,7 +63,7 @@ def _of_the_calendar(table: SourceTable) -> np.ndarray | None:
     if any(part is None for part in parts):
         return None
     numbers = {part: table.frame[name] for part, name in zip(_PARTS, parts, strict=True)}
-    if not all(pd.api.types.is_numeric_dtype(column) and column.notna().all() for column in numbers.values()):
+    if not _are_numbers(numbers.values()):
         return None
     whole = {part: np.floor(column).astype(np.int64) for part, column in numbers.items()}
     dates = pd.to_datetime(pd.DataFrame(whole), errors="coerce")
@@ -96,9 +94,7 @@ def _of_digits(table: SourceTable) -> np.ndarray | None:
     """
     date, clock = _matching(table, _DATE), _matching(table, _CLOCK)
     names = [name for name in (date, clock) if name is not None and date != clock]
-    if len(names) < 2 or not all(
-        pd.api.types.is_numeric_dtype(table.frame[name]) and table.frame[name].notna().all() for name in names
-    ):
+    if len(names) < 2 or not _are_numbers(table.frame[name] for name in names):
         return None
     days, seconds = (table.numbers(name) for name in names)
     if not are_clock_digits(seconds, names[1]) or not (days == np.floor(days)).all() or not (days > 0).all():
@@ -118,6 +114,10 @@ def _of_digits(table: SourceTable) -> np.ndarray | None:
         return None
     ns = np.array([found[0][day] for day in days.astype(np.int64)], dtype=np.int64)
     return np.asarray(ns + clock_ns(seconds))
+
+
+def _are_numbers(columns: Iterable[pd.Series]) -> bool:
+    return all(pd.api.types.is_numeric_dtype(column) and column.notna().all() for column in columns)
 
 
 def _column(table: SourceTable, part: str) -> str | None:

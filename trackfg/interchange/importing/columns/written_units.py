@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 import re
-from dataclasses import dataclass
 from typing import Literal, get_args
 
 from trackfg.numerics.km_notation import METRES_PER
@@ -138,26 +137,17 @@ def _prefix(written: str | None) -> float:
     return 1.0 if not written else _PREFIXES["u" if written == "micro" else written[0]]
 
 
-@dataclass(frozen=True)
-class RecordedUnit:
-    """The unit that a recording gets, and what the source's values are multiplied by."""
-
-    unit: str
-    factor: float
-
-
 def recorded_unit(
     text: str, quantity: Literal["angular rate", "acceleration", "speed", "length"]
-) -> RecordedUnit | None:
-    """Return the recorded unit of a written one: the same where a recording knows it, else that of SI.
-
-    None where it is no unit of that quantity.
+) -> tuple[str, float] | None:
+    """Return the recorded unit of a written one, and the factor on its values: the same unit where a recording knows
+    it, else that of SI. None where it is no unit of that quantity.
     """
     factor = factor_of(text, quantity)
     if factor is None:
         return None
     known, name = known_units(quantity), usual_name(text, quantity)
-    return RecordedUnit(str(name), 1.0) if name in known else RecordedUnit(known[0], factor)
+    return (str(name), 1.0) if name in known else (known[0], factor)
 
 
 def usual_name(text: str, quantity: Quantity) -> str | None:

@@ -22,11 +22,6 @@ _SHARE = 0.8
 """Of the lines that are no remarks and no sentences, so many begin with a tag."""
 
 
-def has_other_lines(path: Path) -> bool:
-    """Return whether a file of text has lines that begin with a tag among the sentences of a receiver."""
-    return delimiter_of_tagged(path) is not None
-
-
 def has_sentences(path: Path) -> bool:
     """Return whether some lines at the start of a text are sentences of a receiver and others are none."""
     lines = _head(path)

@@ -14,7 +14,7 @@ import pandas as pd
 from trackfg.errors import BadInputError
 from trackfg.files.libraries import library
 from trackfg.interchange.importing.proposal import UNKNOWN_HEIGHT_SD_M
-from trackfg.interchange.importing.shapes.tagged_lines import has_other_lines
+from trackfg.interchange.importing.shapes.tagged_lines import delimiter_of_tagged
 from trackfg.interchange.importing.source_format import DialectFor, SourceFormat, starts_with
 from trackfg.interchange.importing.source_table import SourceTable
 from trackfg.interchange.importing.times import as_ns
@@ -37,8 +37,8 @@ class GnssLog(SourceFormat):
     title = "GNSS receiver: UBX (NAV-PVT) or NMEA (RMC, or GGA with GST, ZDA or RMC)"
 
     def recognises(self, path: Path) -> bool:
-        """Return whether the file begins with a UBX or NMEA message, and has no other lines."""
-        return starts_with(path, b"\xb5b", b"$GP", b"$GN", b"$GL", b"$GA") and not has_other_lines(path)
+        """Return whether the file begins with a UBX or NMEA message, and has no lines that begin with a tag."""
+        return starts_with(path, b"\xb5b", b"$GP", b"$GN", b"$GL", b"$GA") and delimiter_of_tagged(path) is None
 
     def tables(self, path: Path, dialect_for: DialectFor) -> Sequence[SourceTable]:
         """Read the positions, with a date from the log."""
