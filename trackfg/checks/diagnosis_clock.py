@@ -145,9 +145,7 @@ class _Signals:
         return np.asarray(np.interp(index + offset_s / self.motion.step_s, index, values))
 
     def _beside_creep(self, acceleration: Array, valid: np.ndarray, lag_s: float) -> tuple[float, float]:
-        """Return by how much the offset differs from the lag, s, and how many times its sigma is larger, where the
-        wheel may creep in proportion to the force.
-        """
+        """Return how far the offset is from the lag, s, and how many times wider its sigma, if the wheel may creep."""
         motion, known = self.motion, acceleration != 0.0
         force = self._later(motion.accel[:, 0], lag_s)
         change = np.gradient(force, motion.step_s)

@@ -44,9 +44,7 @@ _SETTLED_S = 0.1
 
 @dataclass(frozen=True)
 class FixDelay:
-    """``delay_s``: fixes are stamped so much after the place was passed, with its sigma; ``slope`` of chainage on the
-    tach's distance.
-    """
+    """Fixes are stamped ``delay_s`` after their place was passed; ``slope``: of chainage on the tach's distance."""
 
     delay_s: float
     sd_s: float
@@ -132,9 +130,7 @@ def course_slope(imu: pd.DataFrame, gnss: pd.DataFrame, delay_s: float) -> Slope
 
 
 def _chord_times(gnss: pd.DataFrame, shared: Array) -> tuple[Array, np.ndarray, float]:
-    """Return the centres of chords within the time shared with another table, which of them span no gap, and the length
-    of all chords, s.
-    """
+    """Return the centres of chords in the time shared with a table, which of them span no gap, and their length, s."""
     t = gnss["t_s"].to_numpy()
     if t.size < 3:
         return np.zeros(0), np.zeros(0, dtype=np.bool_), _CHORD_S

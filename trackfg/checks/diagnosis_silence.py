@@ -40,9 +40,7 @@ _WHITE_RANGE = 2.563
 
 @dataclass(frozen=True)
 class SilentSpan:
-    """The IMU shows motion from ``start_s`` to ``end_s``, the tach none: it has no rows (``absent``) or stays at one
-    value (``constant``).
-    """
+    """A span in which the IMU moves and the tach does not: it has no rows (``absent``) or one value (``constant``)."""
 
     start_s: float
     end_s: float

@@ -255,9 +255,7 @@ def _overlaps(
 
 
 def of_this_run(imu: pd.DataFrame | None, table: pd.DataFrame, limits: CheckLimits) -> pd.DataFrame:
-    """Return a table without the rows far from the IMU's time: garbled, or of another clock. One without any other row
-    is an error by itself, and stays.
-    """
+    """Return a table without rows far from the IMU's time, unless all are, which is an error by itself."""
     if imu is None:
         return table
     near = _near(imu, table, limits)

@@ -121,9 +121,7 @@ def _publish(new: Path, target: Path, aside: Path) -> None:
 
 
 def _settle(target: Path, aside: Path) -> None:
-    """Settle what was moved away: back if nothing came in its place, else out of :func:`recover`'s sight before it is
-    taken apart.
-    """
+    """Put back what was moved away if nothing took its place; else hide it from :func:`recover`, to be taken apart."""
     if aside.exists():
         aside.rename(aside.with_name(_DISCARDED) if target.exists() else target)
 
@@ -190,9 +188,7 @@ def _lock_if_abandoned(workspace: Path) -> int | None:
 
 
 def _lock(workspace: Path, *, wait: bool) -> int | None:
-    """Return the open lock of a workspace, or None: another holds it, or a process that cleans up has just removed
-    it.
-    """
+    """Return the open lock of a workspace; None where another process holds it, or has just removed it."""
     path = workspace / _LOCK
     try:
         descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW, 0o600)

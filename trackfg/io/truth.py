@@ -19,9 +19,7 @@ from trackfg.recording.findings import raise_first
 
 
 def has_truth(path: Path | str) -> bool:
-    """Return whether the recording declares a truth. Raises :class:`BadInputError` where its description cannot be
-    read.
-    """
+    """Return whether the recording declares a truth. Raises :class:`BadInputError` for an unreadable description."""
     read = read_description(path)
     raise_first(list(read.findings))
     return "truth" in read.parts

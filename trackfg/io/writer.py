@@ -113,9 +113,7 @@ def _having(table: pd.DataFrame, column: str, file: str) -> pd.DataFrame:
 
 
 def canonical_form(recording: Recording, table_format: str) -> tuple[RecordingDescription, dict[str, pd.DataFrame]]:
-    """Return the canonical tables by file name, and before them their description: but for files, columns and units
-    that of the ``recording``.
-    """
+    """Return the recording's description, but for files, columns and units, and the canonical tables by file."""
     description, tables = recording.description, recording.tables
     files: dict[str, pd.DataFrame] = {}
     described = dict(sensors_of(description))

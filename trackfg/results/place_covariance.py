@@ -163,9 +163,7 @@ def _of_blocks(table: pd.DataFrame) -> PlaceCovariance:
 
 
 def interpolation_weights(places: Array, at: Array) -> Array:
-    """Return W (m, p): ``W @ values`` is the linear interpolation of values at ascending places (p,), constant
-    beyond.
-    """
+    """Return W (m, p): ``W @ values`` is linear between ascending places (p,), and constant beyond them."""
     weights = np.zeros((len(at), len(places)))
     left, f = _bracketed(places, at)
     row = np.arange(len(at))
@@ -175,9 +173,7 @@ def interpolation_weights(places: Array, at: Array) -> Array:
 
 
 def interpolated_variance(places: Array, covariance: Array, at: Array) -> Array:
-    """Return the variance of a quantity known at ascending places (p,) and linear in between, constant beyond. Shape
-    (m,).
-    """
+    """Return the variance (m,) of a quantity known at ascending places (p,): linear in between, constant beyond."""
     left, f = _bracketed(places, at)
     variance = np.append(np.diag(covariance), 0.0)
     beside = np.append(np.diag(covariance, 1), 0.0)

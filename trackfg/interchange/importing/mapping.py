@@ -69,9 +69,7 @@ def fits(file: str, pattern: str) -> bool:
 
 @dataclass(frozen=True)
 class MappedSensor:
-    """One sensor of a mapping: ``section`` is its place (``"imu"``, ``"laser[2]"``), ``keys`` what the description
-    gets.
-    """
+    """One sensor of a mapping: ``section`` is its place (``"laser[2]"``), ``keys`` are what the description gets."""
 
     kind: str
     section: str

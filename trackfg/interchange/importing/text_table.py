@@ -27,9 +27,7 @@ _BLOCK_BYTES = 1 << 22
 
 
 def read_text(path: Path, options: DialectOptions | None = None) -> SourceTable:
-    """Read a file of delimited text. Raises :class:`BadInputError` where it cannot be read, with the row if one is
-    to blame.
-    """
+    """Read a file of delimited text. Raises :class:`BadInputError`, with the row if one is to blame."""
     dialect = dialect_of(path, options)
     try:
         frame = _parsed(_source(path, dialect), dialect)

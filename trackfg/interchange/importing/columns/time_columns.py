@@ -70,9 +70,7 @@ def counter_of(table: SourceTable) -> str:
 
 
 def stalled_times(table: SourceTable) -> tuple[str, int] | None:
-    """Return a column that is named as a time and does not grow, as where it is written with too few digits, and how
-    many values it has; None without any.
-    """
+    """Return a column named as a time that does not grow, having too few digits, and how many values it has; or None."""
     named = [
         name for name in table.columns if meaning(name) == "time" and pd.api.types.is_numeric_dtype(table.frame[name])
     ]

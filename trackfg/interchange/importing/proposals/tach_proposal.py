@@ -54,9 +54,7 @@ def _is_of_each_row(values: np.ndarray) -> bool:
 
 
 def _is_scalar(table: SourceTable, name: str) -> bool:
-    """Return whether a column holds numbers of a wheel: no part of a vector, as a receiver's velocity is, and no count
-    of samples.
-    """
+    """Return whether a column holds numbers of a wheel: no part of a vector, as a velocity is, no count of samples."""
     is_number = pd.api.types.is_numeric_dtype(table.frame[name])
     return is_number and not has_axes_beside(table, name) and not is_sample_counter(table, name)
 
