@@ -77,11 +77,6 @@ def line_of_recording(folder: Path, part: KnownLineFile) -> tuple[KnownLine | No
         return None, [*findings, Finding("error", "known-line", message, file=part.file)]
 
 
-def line_described(line: KnownLine, file: str) -> KnownLineFile:
-    """Return the section of a description that names a ``file`` of tracks, as :func:`line_written` gives it."""
-    return KnownLineFile(file=file, crs=LOCAL if line.is_local else None)
-
-
 def line_written(line: KnownLine) -> bytes:
     """Return tracks as GeoJSON, so that reading gives the same ones."""
     features: list[dict[str, Any]] = [

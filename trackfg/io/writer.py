@@ -19,13 +19,15 @@ import tomli_w
 from trackfg.errors import BadInputError
 from trackfg.files.atomic_folder import real_path, replaced_folder
 from trackfg.files.parquet import write_parquet
+from trackfg.files.small_file import without_none
 from trackfg.io.balises import balises_written
 from trackfg.io.content import named_files
 from trackfg.io.description_reader import FILE_NAME
+from trackfg.io.features import LOCAL
 from trackfg.io.formats.registry import FORMATS, format_of, sensors_of
 from trackfg.io.formats.sensor_format import TIME_COLUMN, SensorFormat, WrittenTable
-from trackfg.io.known_lines import line_described, line_written
-from trackfg.recording.description import RecordingDescription, Truth
+from trackfg.io.known_lines import line_written
+from trackfg.recording.description import KnownLineFile, RecordingDescription, Truth
 from trackfg.recording.model import Recording
 
 TableFormat = Literal["parquet", "csv"]
@@ -94,9 +96,8 @@ def write_recording(
             write_table(table, new / file)
         if recording.known_line is not None:
             (new / KNOWN_LINE_FILE).write_bytes(line_written(recording.known_line))
-        (new / FILE_NAME).write_text(
-            tomli_w.dumps(_without_none(_with_tachs_together(description.model_dump()))), encoding="utf-8"
-        )
+        content = without_none(_with_tachs_together(description.model_dump()))
+        (new / FILE_NAME).write_text(tomli_w.dumps(content), encoding="utf-8")
     return folder
 
 
@@ -140,7 +141,8 @@ def canonical_form(recording: Recording, table_format: str) -> tuple[RecordingDe
         origin = None if recording.gnss_origin is None else tuple(float(x) for x in recording.gnss_origin)
         changes["gnss"] = changes["gnss"].model_copy(update={"origin": origin})
     line = recording.known_line
-    changes["known_line"] = None if line is None else line_described(line, KNOWN_LINE_FILE)
+    crs = LOCAL if line is not None and line.is_local else None
+    changes["known_line"] = None if line is None else KnownLineFile(file=KNOWN_LINE_FILE, crs=crs)
     changes["balises"] = None
     if recording.balises is not None and description.balises is not None:
         file = f"balises.{table_format}"
@@ -193,15 +195,6 @@ def write_table(table: pd.DataFrame, path: Path) -> None:
         pa.csv.write_csv(arrow, path, pa.csv.WriteOptions(quoting_style=style))
     else:
         write_parquet(arrow, path)
-
-
-def _without_none(value: Any) -> Any:
-    """TOML has no null: a key that is not set is left out."""
-    if isinstance(value, dict):
-        return {key: _without_none(item) for key, item in value.items() if item is not None}
-    if isinstance(value, list | tuple):
-        return [_without_none(item) for item in value]
-    return value
 
 
 def _refuse_to_destroy(folder: Path, recording: Recording) -> None:
