@@ -44,8 +44,8 @@ def _repeated(imu: Imu, t: Array, sensor: Array, limits: CheckLimits) -> list[Fi
     """Return the finding of rows in which all six channels stay the same: a logger repeats the last sample in gaps."""
     same = (np.diff(sensor, axis=0) == 0.0).all(axis=1) & (sensor[1:] != 0.0).any(axis=1)
     share = float(np.mean(same))
-    start, length = _longest_run(same)
-    seconds = float(t[start + length] - t[start]) if length else 0.0
+    start, end = max(true_runs(same).tolist(), key=lambda run: run[1] - run[0], default=(0, 0))
+    seconds = float(t[end] - t[start])
     if seconds < limits.imu_gap_warning_s and share < 0.1:
         return []
     message = (
@@ -92,13 +92,3 @@ def _impossible(imu: Imu, name: str, t: Array, channel: Array, most: float, unit
     hint = "remove the rows: a short gap is bridged"
     place, expected = ColumnPlace(imu.file, name, t), f"at most {most:g} {unit}"
     return [place.at_row(i, "impossible-value", message, expected, hint, "warning")]
-
-
-def _longest_run(mask: np.ndarray) -> tuple[int, int]:
-    """Start and length of the longest run of True; length 0 if there is none."""
-    runs = true_runs(mask)
-    if len(runs) == 0:
-        return 0, 0
-    lengths = runs[:, 1] - runs[:, 0]
-    i = int(np.argmax(lengths))
-    return int(runs[i, 0]), int(lengths[i])

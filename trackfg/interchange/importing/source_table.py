@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
@@ -36,6 +37,10 @@ class SourceTable:
     def columns(self) -> list[str]:
         """The names of the columns."""
         return [str(name) for name in self.frame.columns]
+
+    def name_like(self, pattern: re.Pattern[str]) -> str | None:
+        """Return the first column in whose name, without blanks around it, the pattern is found; None without any."""
+        return next((name for name in self.columns if pattern.search(name.strip())), None)
 
     def column(self, name: str) -> pd.Series:
         """Return a column. Raises :class:`BadInputError` with the nearest name where there is none of that name."""

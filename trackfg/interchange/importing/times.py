@@ -192,9 +192,6 @@ def _numeric(values: Array, series: pd.Series, notation: TimeNotation, label: st
         return Times(_as_utc(ns + np.round((values - days) * _DAY_NS).astype(np.int64), notation.zone, label), None)
     if unit == "hhmmss":
         return _of_the_day(clock_ns(values), notation.zone, label)
-    if unit not in UNIT_S:
-        known = ", ".join((*UNIT_S, "ticks", "gps", "days", "hhmmss"))
-        raise BadInputError(f"{label}: unknown time_unit {unit!r}; expected one of {known}")
     on_calendar = _EPOCH_S[0] <= float(np.median(values)) * UNIT_S[unit] <= _EPOCH_S[1]
     if not on_calendar:
         return Times(None, _going_on(values, pd.api.types.is_integer_dtype(series), unit) * UNIT_S[unit])

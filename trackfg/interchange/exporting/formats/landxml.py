@@ -84,15 +84,9 @@ class LandXml(ResultFormat):
         date = start_of(result) or pd.Timestamp(0)  # the schema wants one
         root.set("date", f"{date:%Y-%m-%d}")
         root.set("time", f"{date:%H:%M:%S}")
-        metric = {
-            "linearUnit": "meter",
-            "areaUnit": "squareMeter",
-            "volumeUnit": "cubicMeter",
-            "angularUnit": "radians",
-        }
-        metric |= {"temperatureUnit": "celsius", "pressureUnit": "HPA"}
-        units = _child(root, "Units")
-        _child(units, "Metric", **metric)
+        metric = {"linearUnit": "meter", "areaUnit": "squareMeter", "volumeUnit": "cubicMeter"}
+        metric |= {"angularUnit": "radians", "temperatureUnit": "celsius", "pressureUnit": "HPA"}
+        _child(_child(root, "Units"), "Metric", **metric)
         if (origin := origin_of(result)) is not None:
             where = "{:.9f}, longitude {:.9f} (WGS 84)".format(*origin[:2])
             _child(root, "CoordinateSystem", name="local", desc=f"north and east, m, from latitude {where}")
@@ -127,19 +121,11 @@ def _child(parent: Any, tag: str, text: str | None = None, **attributes: str) ->
 
 def _elements(curves: list[Curve], start: float, end: float) -> list[_Element]:
     """Return the elements between two chainages; what lies beyond an end of the profile is cut off there."""
-    arcs = [
-        (
-            max(np.nan_to_num(curve.bcc_m, nan=start), start),
-            min(np.nan_to_num(curve.ecc_m, nan=end), end),
-            curve.curvature_1pm,
-            curve.cant_mm * -np.sign(curve.curvature_1pm),
-            curve,
-        )
-        for curve in curves
-    ]
     elements: list[_Element] = []
     at, before = start, None
-    for begin, stop, curvature, cant, curve in arcs:
+    for curve in curves:
+        begin, stop = max(np.nan_to_num(curve.bcc_m, nan=start), start), min(np.nan_to_num(curve.ecc_m, nan=end), end)
+        curvature, cant = curve.curvature_1pm, curve.cant_mm * -np.sign(curve.curvature_1pm)
         # Curves whose ends are not known (NaN) are joined, too.
         if before is not None and not curve.btc_m > before.etc_m + _SHORTEST_M:
             last = elements[-1]

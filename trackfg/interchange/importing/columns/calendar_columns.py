@@ -44,7 +44,7 @@ def with_whole_dates(table: SourceTable) -> SourceTable:
 
 def _of_the_week(table: SourceTable) -> np.ndarray | None:
     """Return the times (n,), ns since 1970, of a week of GPS and the time in it, s or ms; None without them."""
-    names = [_matching(table, pattern) for pattern in (_WEEK, _TIME_OF_WEEK)]
+    names = [table.name_like(pattern) for pattern in (_WEEK, _TIME_OF_WEEK)]
     if None in names or names[0] == names[1]:
         return None
     columns = [table.frame[name] for name in names]
@@ -92,7 +92,7 @@ def _of_digits(table: SourceTable) -> np.ndarray | None:
 
     None as well where the digits can be two dates (``110512``).
     """
-    date, clock = _matching(table, _DATE), _matching(table, _CLOCK)
+    date, clock = table.name_like(_DATE), table.name_like(_CLOCK)
     names = [name for name in (date, clock) if name is not None and date != clock]
     if len(names) < 2 or not _are_numbers(table.frame[name] for name in names):
         return None
@@ -121,8 +121,4 @@ def _are_numbers(columns: Iterable[pd.Series]) -> bool:
 
 
 def _column(table: SourceTable, part: str) -> str | None:
-    return _matching(table, re.compile(rf"(^|[\s_.]){part}s?$", re.IGNORECASE))
-
-
-def _matching(table: SourceTable, pattern: re.Pattern[str]) -> str | None:
-    return next((name for name in table.columns if pattern.search(name.strip())), None)
+    return table.name_like(re.compile(rf"(^|[\s_.]){part}s?$", re.IGNORECASE))

@@ -70,7 +70,7 @@ def counter_of(table: SourceTable) -> str:
 
 
 def stalled_times(table: SourceTable) -> tuple[str, int] | None:
-    """Return a column named as a time that does not grow, having too few digits, and how many values it has; or None."""
+    """Return a column named as a time that does not grow, for want of digits, and how many values it has; else None."""
     named = [
         name for name in table.columns if meaning(name) == "time" and pd.api.types.is_numeric_dtype(table.frame[name])
     ]

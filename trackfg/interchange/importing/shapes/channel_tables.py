@@ -65,9 +65,7 @@ def with_joined_channels(tables: Sequence[SourceTable]) -> list[SourceTable]:
 
 def _only_value(table: SourceTable) -> str | None:
     """Return the column of values of a table that has times and one channel; None for other tables."""
-    if len(table.columns) != 2:
-        return None
-    return next((name for name in table.columns if _VALUE.match(name.strip())), None)
+    return table.name_like(_VALUE) if len(table.columns) == 2 else None
 
 
 def _renamed(table: SourceTable, value: str) -> SourceTable:

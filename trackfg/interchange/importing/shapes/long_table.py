@@ -28,7 +28,7 @@ def wide_tables(table: SourceTable, time: str | None) -> list[SourceTable]:
 
     ``time`` is the name of its column of times.
     """
-    signal, value, unit = (_named(table, pattern) for pattern in (_SIGNAL, _VALUE, _UNIT))
+    signal, value, unit = (table.name_like(pattern) for pattern in (_SIGNAL, _VALUE, _UNIT))
     if time is None or signal is None or value is None:
         return [table]
     rows = table.frame[table.frame[signal].notna()]
@@ -57,7 +57,3 @@ def wide_tables(table: SourceTable, time: str | None) -> list[SourceTable]:
         )
         for t, columns in made
     ]
-
-
-def _named(table: SourceTable, pattern: re.Pattern[str]) -> str | None:
-    return next((name for name in table.columns if pattern.match(name.strip())), None)
