@@ -6,6 +6,7 @@ Coordinates of KML are ``longitude,latitude[,height]`` (OGC 12-007r2); GPX 1.1 h
 from __future__ import annotations
 
 import io
+import lzma
 import zipfile
 import zlib
 from collections.abc import Iterator
@@ -48,7 +49,7 @@ def _root(path: Path) -> Any:
             content = _within_kmz(content)
     except OSError as error:
         raise BadInputError(f"{path}: cannot be read: {error.strerror}: expected a {path.suffix} file") from error
-    except (zipfile.BadZipFile, ValueError, RuntimeError, EOFError, zlib.error) as error:
+    except (zipfile.BadZipFile, ValueError, RuntimeError, EOFError, zlib.error, lzma.LZMAError) as error:
         raise BadInputError(f"{path}: cannot be unpacked: {error}: expected a zip with a .kml file") from error
     root = xml_root(content, path, f"a {path.suffix} file")
     if _tag(root) not in ("kml", "gpx"):

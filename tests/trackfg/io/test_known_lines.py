@@ -227,6 +227,17 @@ def test_lines_of_other_systems(suffix: str, tmp_path: Path) -> None:
         np.testing.assert_array_equal(vertices[:, ::-1], track)
 
 
+def test_a_damaged_kmz_of_lzma_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "line.kmz"
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_LZMA) as archive:
+        archive.writestr("doc.kml", KML * 20)
+    content = path.read_bytes()
+    path.write_bytes(content[:60] + bytes(byte ^ 0x5A for byte in content[60:120]) + content[120:])
+
+    with pytest.raises(BadInputError, match="cannot be unpacked"):
+        read_known_line(path)
+
+
 @pytest.mark.parametrize(
     ("name", "content", "message"),
     [

@@ -101,6 +101,17 @@ def test_acceleration_without_gravity_is_refused_by_name(drive, tmp_path, import
         imported(path)
 
 
+def test_a_damaged_zip_of_lzma_is_refused(tmp_path, imported):
+    path = tmp_path / "log.zip"
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_LZMA) as archive:
+        archive.writestr("log.json", '[{"sensor": "Gyroscope", "time": "1", "x": "0"}]' * 500)
+    content = path.read_bytes()
+    path.write_bytes(content[:60] + bytes(byte ^ 0x5A for byte in content[60:120]) + content[120:])
+
+    with pytest.raises(BadInputError, match="cannot be unpacked"):
+        imported(path)
+
+
 def test_ubx_and_nmea_positions_come_back(tmp_path):
     import pyubx2
 

@@ -18,7 +18,7 @@ from trackfg.errors import BadInputError
 _LARGEST_BYTES = 20_000_000_000
 """Of an archive, unpacked: more is a mistake or an attack."""
 _TAR = (".tar", ".tgz", ".tbz2", ".txz", ".tar.gz", ".tar.bz2", ".tar.xz")
-_UNREADABLE = (
+UNREADABLE = (
     OSError,
     zipfile.BadZipFile,
     tarfile.TarError,
@@ -43,7 +43,7 @@ def names_in(path: Path) -> list[str]:
     """Return the names of the files in an archive; none where it is damaged, or no archive."""
     try:
         return [name for name, *_ in _members(path)] if is_archive(path) and path.is_file() else []
-    except _UNREADABLE:
+    except UNREADABLE:
         return []
 
 
@@ -66,7 +66,7 @@ def unpacked(path: Path, folder: Path, wanted: Callable[[str], bool]) -> list[tu
             with opened() as source, target.open("wb") as out:
                 shutil.copyfileobj(source, out, 1 << 20)
             files.append((str(name), target))
-    except _UNREADABLE as error:
+    except UNREADABLE as error:
         raise BadInputError(f"{path.name}: cannot be unpacked ({error}); expected an archive") from error
     bare = Counter(target.name for _, target in files)
     return sorted((target.name if bare[target.name] == 1 else name, target) for name, target in files)

@@ -6,7 +6,6 @@ import json
 import math
 import re
 import zipfile
-import zlib
 from array import array
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -18,12 +17,11 @@ import pandas as pd
 
 from trackfg.interchange.importing.source_format import readable
 from trackfg.interchange.importing.source_table import SourceTable
+from trackfg.interchange.importing.sources.archives import UNREADABLE
 
 _BEGINNING = re.compile(rb'\s*\[\s*\{[^{}]*"sensor"\s*:')
 _HEAD_BYTES = 65_536
 """The first entry, which describes the recording, is shorter."""
-_UNREADABLE = (OSError, zipfile.BadZipFile, RuntimeError, EOFError, ValueError, zlib.error)
-"""What a damaged file or zip raises."""
 
 
 def is_sensor_json(path: Path) -> bool:
@@ -33,7 +31,7 @@ def is_sensor_json(path: Path) -> bool:
     try:
         with _opened(path) as stream:
             return _BEGINNING.match(stream.read(_HEAD_BYTES)) is not None
-    except _UNREADABLE:
+    except UNREADABLE:
         return False
 
 
@@ -46,7 +44,7 @@ def read_sensor_json(path: Path, wanted: Sequence[str]) -> dict[str, SourceTable
         if (sensor := sensors.get(entry.get("sensor", ""))) is not None:
             sensor.take(entry)
 
-    faults = (*_UNREADABLE, KeyError, TypeError, OverflowError, RecursionError)
+    faults = (*UNREADABLE, KeyError, TypeError, OverflowError, RecursionError)
     with readable(path, "the JSON of Sensor Logger", faults), _opened(path) as stream:
         json.load(stream, object_hook=take)
     return {name: sensor.table(name) for name, sensor in sensors.items() if sensor.names}
