@@ -87,7 +87,7 @@ def recover(target: Path) -> None:
     if target.exists():
         return
     for workspace in _workspaces(target):
-        lock = _lock_if_abandoned(workspace)
+        lock = _lock(workspace, wait=False)
         if lock is None:
             continue
         try:
@@ -183,10 +183,6 @@ def _workspace(target: Path) -> Iterator[Path]:
                 return
 
 
-def _lock_if_abandoned(workspace: Path) -> int | None:
-    return _lock(workspace, wait=False)
-
-
 def _lock(workspace: Path, *, wait: bool) -> int | None:
     """Return the open lock of a workspace; None where another process holds it, or has just removed it."""
     path = workspace / _LOCK
@@ -211,7 +207,7 @@ def _lock(workspace: Path, *, wait: bool) -> int | None:
 
 def _remove_leftovers(target: Path) -> None:
     for workspace in _workspaces(target):
-        lock = _lock_if_abandoned(workspace)
+        lock = _lock(workspace, wait=False)
         if lock is not None:
             shutil.rmtree(workspace, ignore_errors=True)
             os.close(lock)

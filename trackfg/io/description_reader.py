@@ -119,7 +119,7 @@ _IMPORTED = "trackfg init makes a recording from a file of another system"
 
 def _no_recording(file: Path, what: str, hint: str | None = None) -> ReadDescription:
     expected = "a folder with recording.toml"
-    return _only(Finding("error", "no-recording", what, file=str(file), expected=expected, hint=hint))
+    return ReadDescription((Finding("error", "no-recording", what, file=str(file), expected=expected, hint=hint),))
 
 
 def read_description(path: Path | str) -> ReadDescription:
@@ -137,17 +137,13 @@ def read_description(path: Path | str) -> ReadDescription:
     except NotADirectoryError:
         return _no_recording(folder, "is a file", _IMPORTED)
     except OSError as error:
-        return _only(Finding("error", "no-recording", f"cannot be read ({error.strerror})", file=str(toml)))
+        reason = f"cannot be read ({error.strerror})"
+        return ReadDescription((Finding("error", "no-recording", reason, file=str(toml)),))
     except ValueError as error:  # undecodable bytes and TOML syntax alike
-        hint = "correct this line; text goes in quotation marks, lists in [ ]"
-        return _only(
-            Finding("error", "toml-syntax", str(error), file=toml.name, expected="TOML 1.0 in UTF-8", hint=hint)
-        )
+        expected, hint = "TOML 1.0 in UTF-8", "correct this line; text goes in quotation marks, lists in [ ]"
+        fault = Finding("error", "toml-syntax", str(error), file=toml.name, expected=expected, hint=hint)
+        return ReadDescription((fault,))
     return validated(data, toml.name)
-
-
-def _only(finding: Finding) -> ReadDescription:
-    return ReadDescription((finding,))
 
 
 def validated(data: dict[str, Any], file: str) -> ReadDescription:

@@ -97,14 +97,15 @@ def in_wgs_84(xy: Array, system: str, where: str, hint: str = "") -> Array:
     return np.column_stack([latitude, longitude])
 
 
+_Transform = Callable[[Array, Array], tuple[Array, Array]]
+
+
 @lru_cache(maxsize=16)
-def _to_wgs_84(system: str) -> Callable[[Array, Array], tuple[Array, Array]]:
+def _to_wgs_84(system: str) -> _Transform:
     """Return what gives longitudes and latitudes. Raises ``ValueError`` for a system that PROJ does not know."""
     pyproj = library("pyproj", "gis")
     try:
-        transform: Callable[[Array, Array], tuple[Array, Array]] = pyproj.Transformer.from_crs(
-            system, WGS_84, always_xy=True
-        ).transform
+        transform: _Transform = pyproj.Transformer.from_crs(system, WGS_84, always_xy=True).transform
     except pyproj.exceptions.CRSError as error:
         raise ValueError(f"unknown reference system {printable(system)!r}: expected one such as EPSG:3067") from error
     return transform

@@ -147,19 +147,11 @@ def _of_blocks(table: pd.DataFrame) -> PlaceCovariance:
     for places, own, by_end, start_by_end, with_start in table.itertuples(index=False):
         m = 2 * len(places)
         at_end, at_start = np.reshape(by_end, (m, -1)), np.reshape(with_start, (-1, m))
-        blocks.append(
-            Block(
-                count + np.arange(m),
-                np.reshape(own, (m, m)),
-                at_end,
-                np.reshape(start_by_end, (len(at_start), at_end.shape[1])),
-                at_start,
-            )
-        )
+        start_at_end = np.reshape(start_by_end, (len(at_start), at_end.shape[1]))
+        blocks.append(Block(count + np.arange(m), np.reshape(own, (m, m)), at_end, start_at_end, at_start))
         count += m
-    return PlaceCovariance.in_order_of_time(
-        np.concatenate(table["chainage_m"].to_list()), ChainedCovariance(tuple(blocks))
-    )
+    chainage = np.concatenate(table["chainage_m"].to_list())
+    return PlaceCovariance.in_order_of_time(chainage, ChainedCovariance(tuple(blocks)))
 
 
 def interpolation_weights(places: Array, at: Array) -> Array:

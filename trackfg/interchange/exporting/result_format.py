@@ -1,8 +1,4 @@
-"""What the exporter must know of one format of results.
-
-Formats are found by :mod:`trackfg.interchange.exporting.registry`: those of trackfg and those that other packages
-register under the entry point ``trackfg.result_formats``.
-"""
+"""What the exporter must know of one format of results (:mod:`trackfg.interchange.exporting.registry` has all)."""
 
 from __future__ import annotations
 

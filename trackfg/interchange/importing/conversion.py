@@ -313,11 +313,10 @@ def _merged_imu(sensor: MappedSensor, gyro: SourceTable, accel: SourceTable) -> 
     kept = (t[faster] >= begin) & (t[faster] <= end)
     common = t[faster][kept]
     columns = {}
-    for i, (prefix, (_, values, _)) in enumerate(zip(("gyro", "accel"), streams, strict=True)):
+    keys = {key: value for key, value in sensor.keys.items() if key not in ("gyro_unit", "accel_unit")}
+    for i, (prefix, (_, values, own)) in enumerate(zip(("gyro", "accel"), streams, strict=True)):
         for name, column in values.items():
             columns[f"{prefix}_{name}"] = column[kept] if i == faster else np.interp(common, t[i], column)
-    keys = {key: value for key, value in sensor.keys.items() if key not in ("gyro_unit", "accel_unit")}
-    for prefix, (_, values, own) in zip(("gyro", "accel"), streams, strict=True):
         keys[prefix] = [f"{prefix}_{name}" for name in values]
         keys |= {key: value for key, value in own.items() if value is not None}
     return _Part(sensor, Times.after(zero, common, clocks[faster].zone), columns, keys)

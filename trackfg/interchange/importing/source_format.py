@@ -1,8 +1,4 @@
-"""What the importer must know of one format of recordings.
-
-Formats are found by :mod:`trackfg.interchange.importing.registry`: those of trackfg and those that other packages
-register under the entry point ``trackfg.source_formats``.
-"""
+"""What the importer must know of one format of recordings (:mod:`trackfg.interchange.importing.registry` has all)."""
 
 from __future__ import annotations
 

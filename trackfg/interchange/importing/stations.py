@@ -7,7 +7,6 @@ or chains.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -110,29 +109,22 @@ def _written(
     table: SourceTable, place: PlaceColumns, column: pd.Series, unit: Bare, kilometrage: Kilometrage | None
 ) -> Array:
     """Return the chainage (n,), m, of written places."""
-    chainage_of = _metres(unit) if kilometrage is None else _chainage(unit, kilometrage)
     chainage = np.full(len(column), np.nan)
     for i, cell in enumerate(column):
         if pd.isna(cell) or not str(cell).strip():
             continue
         try:
-            chainage[i] = chainage_of(str(cell))
+            chainage[i] = _chainage(str(cell), unit, kilometrage)
         except ValueError as error:
             where = f"{table.name}: column {quoted(place)}, row {table.first_row + i}"
             raise BadInputError(f"{where}: {printable(str(error))}") from error
     return chainage
 
 
-def _metres(unit: Bare) -> Callable[[str], float]:
-    def chainage_of(text: str) -> float:
-        metres = metres_of(text, unit)
-        if metres is None:
-            raise ValueError(f"{text[:40]!r} is no place; expected one such as 12+345, km 12.345 or 12345")
-        return metres
-
-    return chainage_of
-
-
-def _chainage(unit: Bare, kilometrage: Kilometrage) -> Callable[[str], float]:
-    in_metres = _metres(unit)
-    return lambda text: in_metres(text) if is_metres(text, unit) else kilometrage.read(text)
+def _chainage(text: str, unit: Bare, kilometrage: Kilometrage | None) -> float:
+    if kilometrage is not None and not is_metres(text, unit):
+        return kilometrage.read(text)
+    metres = metres_of(text, unit)
+    if metres is None:
+        raise ValueError(f"{text[:40]!r} is no place; expected one such as 12+345, km 12.345 or 12345")
+    return metres

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from trackfg.errors import BadInputError
 from trackfg.interchange.importing.columns.column_meaning import has_gravity, triples
-from trackfg.interchange.importing.columns.column_names import axis_of, meaning
+from trackfg.interchange.importing.columns.column_names import meaning, parts_of
 from trackfg.interchange.importing.conversion import Imported
 from trackfg.interchange.importing.sample_stamps import spread_stamps
 from trackfg.interchange.importing.source_table import SourceTable
@@ -232,7 +232,7 @@ def test_a_cell_that_is_no_place_is_named_with_its_row():
 )
 def test_names_tell_what_columns_mean(name, kind, axis):
     assert meaning(name) == kind
-    assert axis is None or axis_of(name) == axis
+    assert axis is None or parts_of(name).axis == axis
 
 
 def test_a_cell_without_end_and_bytes_within_a_cell_are_one_line(tmp_path: Path) -> None:

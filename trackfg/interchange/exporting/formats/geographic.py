@@ -168,6 +168,7 @@ def _layer(raw: Any, path: Path, name: str, shape: tuple[str, list[bytes]], fiel
     data = [fields[column].to_numpy() for column in fields.columns]
     types = {"i": "float64", "u": "float64", "f": "float64", "M": "datetime64[ms]"}
     columns = [values.astype(types.get(values.dtype.kind, object)) for values in data]
+    dates = [name for name, values in zip(fields.columns, columns, strict=True) if values.dtype.kind == "M"]
     raw.write(
         path,
         np.array(blobs, dtype=object),
@@ -177,10 +178,6 @@ def _layer(raw: Any, path: Path, name: str, shape: tuple[str, list[bytes]], fiel
         driver="GPKG",
         geometry_type=kind,
         crs="EPSG:4326",
-        gdal_tz_offsets={
-            field: np.full(len(values), _GDAL_UTC)
-            for field, values in zip(fields.columns, columns, strict=True)
-            if values.dtype.kind == "M"
-        },
+        gdal_tz_offsets={name: np.full(len(fields), _GDAL_UTC) for name in dates},
         append=path.exists(),
     )

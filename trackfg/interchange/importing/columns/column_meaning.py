@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 
 from trackfg.errors import BadInputError
-from trackfg.interchange.importing.columns.column_names import axis_and_rest, axis_of, is_other, meaning, parts_of
+from trackfg.interchange.importing.columns.column_names import axis_and_rest, is_other, meaning, parts_of
 from trackfg.interchange.importing.columns.written_units import Quantity, factor_of, usual_name
 from trackfg.interchange.importing.source_table import SourceTable
 from trackfg.numerics.km_notation import is_metres, metres_of
@@ -147,7 +147,7 @@ def _unit(table: SourceTable, columns: tuple[str, str, str], kind: InertialKind)
     if per_sample:
         return f"{stated}/s", False  # degrees or radians that a table calls so for short
     if _are_counts(values):
-        return _stated_scale(table, "angular rate") or "", False
+        return next((scale for scale in _scales(table) if factor_of(scale, "angular rate") is not None), ""), False
     fast = float(np.quantile(np.abs(values), 0.99)) > _FASTEST_TURN_DEG
     return ("deg/s" if fast else "rad/s"), False
 
@@ -171,10 +171,6 @@ def _are_counts(values: np.ndarray) -> bool:
     return bool((some == np.floor(some)).all() and np.abs(some).max(initial=0.0) >= 2.0)
 
 
-def _stated_scale(table: SourceTable, quantity: Quantity) -> str | None:
-    return next((scale for scale in _scales(table) if factor_of(scale, quantity) is not None), None)
-
-
 def _scales(table: SourceTable) -> list[str]:
     """Return what remarks above the table say of one count: ``8.75 mdps/LSB``."""
     return re.findall(
@@ -191,4 +187,4 @@ def has_axes_beside(table: SourceTable, name: str) -> bool:
     """Return whether a column is one of a vector: others have the same name but for the axis."""
     axis, rest = axis_and_rest(name)
     same = [other for other in table.columns if axis is not None and axis_and_rest(other)[1] == rest]
-    return len({axis_of(other) for other in same}) > 1
+    return len({parts_of(other).axis for other in same}) > 1

@@ -72,7 +72,10 @@ class ColumnName(NamedTuple):
 
 
 def parts_of(name: str) -> ColumnName:
-    """Return the parts of a column's name; the unit is empty and the axis None where it has none."""
+    """Return the parts of a column's name; the unit is empty and the axis None where it has none.
+
+    The axis, ``"x"``, ``"y"`` or ``"z"``, is at the end of the name, apart in it, or a word for it.
+    """
     rest, unit = _without_unit(name.strip())
     axis, _ = _axis_and_rest(rest)
     return ColumnName(re.sub(r"[\s_.\-/]+", " ", rest.casefold()).strip(), axis, unit)
@@ -103,11 +106,6 @@ def meaning(name: str) -> str | None:
 def is_other(name: str) -> bool:
     """Return whether a name is that of a quantity with axes that is neither a gyro's nor an accelerometer's."""
     return _OTHER.search(parts_of(name).words) is not None
-
-
-def axis_of(name: str) -> str | None:
-    """Return the axis that a column's name ends in or has apart, ``"x"``, ``"y"`` or ``"z"``, or names; else None."""
-    return parts_of(name).axis
 
 
 def axis_and_rest(name: str, unit: str = "") -> tuple[str | None, str]:

@@ -99,20 +99,12 @@ def factor_of(text: str, quantity: Quantity) -> float | None:
     return _plain_factor(unit, quantity)
 
 
+_PLAIN = str.maketrans({"µ": "u", "μ": "u", "°": "deg", "²": "2", "⁻": "-", "¹": "1", "′": "'"})
+
+
 def _folded(text: str) -> str:
-    unit = text.strip().strip("[]()").strip().casefold()
-    for sign, plain in (
-        ("µ", "u"),
-        ("μ", "u"),
-        ("°", "deg"),
-        ("²", "2"),
-        ("⁻", "-"),
-        ("¹", "1"),
-        ("**", "^"),
-        ("′", "'"),
-    ):
-        unit = unit.replace(sign, plain)
-    return unit.replace("sec2", "s2")
+    unit = text.strip().strip("[]()").strip().casefold().translate(_PLAIN)
+    return unit.replace("**", "^").replace("sec2", "s2")
 
 
 def _plain_factor(unit: str, quantity: Quantity) -> float | None:
