@@ -188,13 +188,10 @@ def _of_geopackage(path: Path) -> list[Feature]:
                 "SELECT g.table_name, g.column_name, s.srs_id, s.organization_coordsys_id FROM gpkg_geometry_columns g "
                 "JOIN gpkg_spatial_ref_sys s ON s.srs_id = g.srs_id"
             ).fetchall()
-            found = [
-                feature
-                for table, column, srs, epsg in layers
-                for feature in _rows(
-                    path, database, str(table), str(column), _UNDEFINED.get(srs, _system_of(f"EPSG:{epsg}"))
-                )
-            ]
+            found: list[Feature] = []
+            for table, column, srs, epsg in layers:
+                system = _UNDEFINED.get(srs, _system_of(f"EPSG:{epsg}"))
+                found += _rows(path, database, str(table), str(column), system)
             for table in _tables_without_geometry(database):
                 found += _rows(path, database, table)
             return found

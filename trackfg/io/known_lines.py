@@ -79,10 +79,11 @@ def line_of_recording(folder: Path, part: KnownLineFile) -> tuple[KnownLine | No
 
 def line_written(line: KnownLine) -> bytes:
     """Return tracks as GeoJSON, so that reading gives the same ones."""
-    features: list[dict[str, Any]] = [
-        {"type": "Feature", "properties": {"id": its_id}, "geometry": {"type": "LineString", "coordinates": vertices}}
-        for its_id, vertices in zip(line.ids, (_longitude_first(line, v) for v in line.vertices), strict=True)
-    ]
+    features: list[dict[str, Any]] = []
+    for its_id, vertices in zip(line.ids, line.vertices, strict=True):
+        xy = (vertices if line.is_local else vertices[:, ::-1]).tolist()  # longitude first
+        geometry = {"type": "LineString", "coordinates": xy}
+        features.append({"type": "Feature", "properties": {"id": its_id}, "geometry": geometry})
     ways = {both: name for name, both in _NAVIGABLE.items()}
     for to in line.relations or ():
         about = {"netelementA": to.a, "positionOnA": to.on_a, "netelementB": to.b, "positionOnB": to.on_b}
@@ -92,11 +93,6 @@ def line_written(line: KnownLine) -> bytes:
         nowhere = {"netelementA": line.ids[0], "positionOnA": 0, "netelementB": line.ids[0], "positionOnB": 0}
         features.append({"type": "Feature", "properties": nowhere | {"navigability": "none"}, "geometry": None})
     return json.dumps({"type": "FeatureCollection", "features": features}).encode()
-
-
-def _longitude_first(line: KnownLine, vertices: Array) -> list[list[float]]:
-    xy: list[list[float]] = (vertices if line.is_local else vertices[:, ::-1]).tolist()
-    return xy
 
 
 def known_line(name: str, tracks: Mapping[str, Array], system: str) -> KnownLine:

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import numpy as np
 import pandas as pd
 
 from trackfg.checks import columns
 from trackfg.checks.columns import ColumnPlace
 from trackfg.errors import BadInputError
 from trackfg.io.description_reader import locate, read_description
-from trackfg.io.table_file import TableFile, open_table
+from trackfg.io.table_file import open_table
 from trackfg.numerics import units
 from trackfg.numerics.arrays import Array
 from trackfg.recording.description import Truth
@@ -70,12 +69,9 @@ def _all_columns(folder: Path, file: str, key: str) -> pd.DataFrame:
     if table is not None:
         table, findings = open_table(folder, file, table.columns)
     raise_first(findings)
-    if not isinstance(table, TableFile):
-        raise BadInputError(f"{file}: cannot be read")
-    read: dict[str, Array] = {}
+    assert table is not None  # or a finding says why not
+    read: dict[str, Array | None] = {}
     for name in dict.fromkeys((key, *table.columns)):
-        values, faults = table.numbers(name)
+        read[name], faults = table.numbers(name)
         raise_first(faults)
-        if values is not None:
-            read[name] = np.asarray(values)
     return pd.DataFrame(read)

@@ -26,7 +26,7 @@ Columns = Sequence[Array]
 
 def seconds(part: Table, raw: Array) -> Array:
     """Times as written, in s on the sensor's own clock."""
-    return raw * units.to_si("time", getattr(part, "time_unit", "s"))
+    return raw * units.to_si("time", part.time_unit)
 
 
 def on_common_clock(part: Table, t: Array, interval_s: float = 0.0) -> Array:

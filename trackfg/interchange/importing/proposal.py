@@ -156,11 +156,8 @@ def _places(proposal: Proposal, table: SourceTable, section: str) -> dict[str, A
         proposal.reasons[f"{section}.sd"] = "m, assumed, since the source has none"
     if (pair := place_columns(table)) is not None and name in pair[0]:
         return {"chainage": list(pair[0]), "sd": sd, "chainage_unit": pair[1]}
-    return {
-        "chainage": name,
-        "sd": sd,
-        "chainage_unit": "m" if _written_places(table, name) else bare_unit(table, name),
-    }
+    unit = "m" if _written_places(table, name) else bare_unit(table, name)
+    return {"chainage": name, "sd": sd, "chainage_unit": unit}
 
 
 def _clock_of_imu(proposal: Proposal, tables: Sequence[SourceTable]) -> tuple[SourceTable, str] | None:

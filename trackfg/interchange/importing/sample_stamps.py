@@ -52,9 +52,7 @@ def spread_stamps(t: Array) -> Array:
     row to row are returned as they are.
     """
     step = np.diff(t)
-    if t.size < 3 or (step > 0).all():
-        return t
-    if (step < 0).any():
+    if t.size < 3 or (step > 0).all() or (step < 0).any():
         return t  # a clock that runs backwards is not corrected here: `check` names the row
     usual = (t[-1] - t[0]) / (t.size - 1)
     ticks = step[step > 0]

@@ -235,11 +235,8 @@ def first_data_row(rows: list[list[str]], width: int) -> int | None:
         filled = [cell for cell in row if cell]
         values = [cell for cell in filled if _is_value(cell)]
         numbers = any(_NUMBER.match(cell) for cell in values)
-        if (
-            len(row) == width
-            and filled
-            and (len(values) == len(filled) or (numbers and 2 * len(values) >= len(filled)))
-        ):
+        mostly_values = len(values) == len(filled) or (numbers and 2 * len(values) >= len(filled))
+        if len(row) == width and filled and mostly_values:
             return i
     return None
 

@@ -90,13 +90,8 @@ class LandXml(ResultFormat):
         if (origin := origin_of(result)) is not None:
             where = "{:.9f}, longitude {:.9f} (WGS 84)".format(*origin[:2])
             _child(root, "CoordinateSystem", name="local", desc=f"north and east, m, from latitude {where}")
-        alignment = _child(
-            _child(root, "Alignments"),
-            "Alignment",
-            name=result.summary.recording_id,
-            staStart=f"{start:.6f}",
-            length=f"{sum(element.length_m for element in elements):.6f}",
-        )
+        extent = {"staStart": f"{start:.6f}", "length": f"{sum(element.length_m for element in elements):.6f}"}
+        alignment = _child(_child(root, "Alignments"), "Alignment", name=result.summary.recording_id, **extent)
         _plan(_child(alignment, "CoordGeom"), elements, complex(first[0, 1], first[0, 0]), heading)
         if options.km:
             _equations(alignment, line_kilometrage(result).kilometrage(), start, end)
@@ -179,16 +174,9 @@ def _plan(node: Any, elements: list[_Element], place: complex, heading: float) -
         elif element.start == element.end:
             child = _child(node, "Curve", rot=rot, length=length, radius=f"{1.0 / abs(element.start):.6f}")
         else:
-            radii = ["INF" if k == 0.0 else f"{1.0 / abs(k):.6f}" for k in (element.start, element.end)]
-            child = _child(
-                node,
-                "Spiral",
-                spiType=_SPIRALS[element.law],
-                rot=rot,
-                length=length,
-                radiusStart=radii[0],
-                radiusEnd=radii[1],
-            )
+            ends = {"radiusStart": element.start, "radiusEnd": element.end}
+            radii = {name: "INF" if k == 0.0 else f"{1.0 / abs(k):.6f}" for name, k in ends.items()}
+            child = _child(node, "Spiral", spiType=_SPIRALS[element.law], rot=rot, length=length, **radii)
         _child(child, "Start", _point(place))
         if child.tag.endswith("Curve"):
             _child(child, "Center", _point(place + 1j * np.exp(1j * heading) / element.start))

@@ -71,10 +71,10 @@ def counter_of(table: SourceTable) -> str:
 
 def stalled_times(table: SourceTable) -> tuple[str, int] | None:
     """Return a column named as a time that does not grow, for want of digits, and how many values it has; else None."""
-    named = [
-        name for name in table.columns if meaning(name) == "time" and pd.api.types.is_numeric_dtype(table.frame[name])
-    ]
-    return next(((name, _resolution(table.numbers(name))) for name in named), None)
+    for name in table.columns:
+        if meaning(name) == "time" and pd.api.types.is_numeric_dtype(table.frame[name]):
+            return name, _resolution(table.numbers(name))
+    return None
 
 
 def stated_rate_hz(table: SourceTable) -> float | None:
@@ -147,13 +147,8 @@ def _by_rate(table: SourceTable, values: np.ndarray) -> dict[str, Any] | None:
 def states_no_zone(table: SourceTable, time: str | list[str], unit: str | None) -> bool:
     """Return whether the times of a table are dates of a zone that it does not state."""
     columns = [time] if isinstance(time, str) else time
-    if any(
-        "utc" in name.casefold() or "gmt" in name.casefold()
-        for name in (*columns, *map(table.units.get, columns))
-        if name
-    ):
-        return False
-    if any(name not in table.columns for name in columns):
+    stated = [name.casefold() for name in (*columns, *map(table.units.get, columns)) if name]
+    if any("utc" in name or "gmt" in name for name in stated) or not set(columns) <= set(table.columns):
         return False
     if unit == "days":
         return True

@@ -6,7 +6,6 @@ import re
 from collections.abc import Sequence
 from dataclasses import replace
 
-import numpy as np
 import pandas as pd
 
 from trackfg.interchange.importing.columns.column_meaning import stem_of
@@ -85,6 +84,5 @@ def _in_one(parts: list[tuple[str, SourceTable]]) -> SourceTable:
         ]
     units = {name: unit for _, table in parts for name, unit in table.units.items()}
     frame = pd.concat([first.frame[[time]], *channels], axis=1)
-    return replace(
-        first, frame=frame, units=units, notes=tuple(np.concatenate([table.notes for _, table in parts]).tolist())
-    )
+    notes = tuple(note for _, table in parts for note in table.notes)
+    return replace(first, frame=frame, units=units, notes=notes)

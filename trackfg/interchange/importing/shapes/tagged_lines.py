@@ -99,12 +99,8 @@ class _Kind:
         read = pa.csv.ReadOptions(column_names=list(names))
         convert = pa.csv.ConvertOptions(null_values=EMPTY_CELLS, strings_can_be_null=True, timestamp_parsers=["none"])
         table = pa.csv.read_csv(pa.BufferReader(self._text), read, pa.csv.ParseOptions(delimiter=delimiter), convert)
-        columns = [
-            column
-            if pa.types.is_integer(column.type) or pa.types.is_floating(column.type)
-            else column.cast(pa.string())
-            for column in table.columns
-        ]
+        numeric = [pa.types.is_integer(kind) or pa.types.is_floating(kind) for kind in table.schema.types]
+        columns = [c if n else c.cast(pa.string()) for c, n in zip(table.columns, numeric, strict=True)]
         frame: pd.DataFrame = pa.table(columns, names=table.column_names).to_pandas()
         return frame
 

@@ -105,7 +105,10 @@ def read_arrays(path: Path) -> list[SourceTable]:
             return tables_of_arrays(_matlab(path), path.name)
         with path.open("rb") as stream:
             loaded = np.load(stream, allow_pickle=False)
-            return _of_array(loaded, path.name) if isinstance(loaded, np.ndarray) else _of_archive(loaded, path.name)
+            if isinstance(loaded, np.ndarray):
+                return _of_array(loaded, path.name)
+            with loaded:
+                return tables_of_arrays(_npz(loaded), path.name)
 
 
 def _of_array(array: np.ndarray, name: str) -> list[SourceTable]:
@@ -115,11 +118,6 @@ def _of_array(array: np.ndarray, name: str) -> list[SourceTable]:
     if array.ndim != 2:
         return []
     return [SourceTable(name, pd.DataFrame(array, columns=[f"c{i + 1}" for i in range(array.shape[1])]))]
-
-
-def _of_archive(loaded: Any, name: str) -> list[SourceTable]:
-    with loaded:
-        return tables_of_arrays(_npz(loaded), name)
 
 
 def _npz(loaded: Any) -> dict[str, np.ndarray]:

@@ -68,16 +68,8 @@ class SensorLogger(SourceFormat):
         time = {"time": "time", "time_unit": "ns"}
         accel = files["TotalAcceleration"]
         size = float(np.median(np.linalg.norm([accel.numbers(axis) for axis in "xyz"], axis=0)))
-        sections: dict[str, Any] = {
-            "imu": {
-                "file": [files["Gyroscope"].name, accel.name],
-                **time,
-                "gyro": ["x", "y", "z"],
-                "gyro_unit": "rad/s",
-                "accel": ["x", "y", "z"],
-                "accel_unit": "g" if size < 3.0 else "m/s^2",
-            }
-        }
+        imu = _imu((files["Gyroscope"], [*"xyz"]), (accel, [*"xyz"]), time)
+        sections: dict[str, Any] = {"imu": {**imu, "accel_unit": "g" if size < 3.0 else "m/s^2"}}
         if "Location" in files:
             sections["gnss"] = {"file": files["Location"].name, **time, **_POSITION}
         return sections
@@ -126,21 +118,21 @@ class Phyphox(SourceFormat):
         gyro, accel, *location = tables
         stamp = "time_ns" if "time_ns" in gyro.columns else "Time"
         time = {"time": stamp, "time_unit": "ns" if stamp == "time_ns" else "s"}
-        sections: dict[str, Any] = {
-            "imu": {
-                "file": [gyro.name, accel.name],
-                **time,
-                "gyro": _axes(gyro),
-                "gyro_unit": "rad/s",
-                "accel": _axes(accel),
-                "accel_unit": "m/s^2",
-            }
-        }
+        imu = _imu((gyro, _axes(gyro)), (accel, _axes(accel)), time)
+        sections: dict[str, Any] = {"imu": {**imu, "accel_unit": "m/s^2"}}
         if location:
             height = next((name for name in ("Height", "Altitude") if name in location[0].columns), 0.0)
             position = ["Latitude", "Longitude", height]
             sections["gnss"] = {"file": location[0].name, **time, "position": position, "sd": _POSITION["sd"]}
         return sections
+
+
+def _imu(
+    gyro: tuple[SourceTable, list[str]], accel: tuple[SourceTable, list[str]], time: dict[str, str]
+) -> dict[str, Any]:
+    """Return the section of two tables and their columns x, y, z, without the accelerometer's unit."""
+    files = [table.name for table, _ in (gyro, accel)]
+    return {"file": files, **time, "gyro": gyro[1], "gyro_unit": "rad/s", "accel": accel[1]}
 
 
 def _axes(table: SourceTable) -> list[str]:
