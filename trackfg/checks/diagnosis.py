@@ -19,7 +19,6 @@ from trackfg.checks.diagnosis_positions import PositionFit, fit_positions
 from trackfg.checks.diagnosis_rest import NoiseDensity, StaticBias, noise_density, static_bias
 from trackfg.checks.diagnosis_silence import SilentSpan, silent_spans, without_silence
 from trackfg.checks.diagnosis_wheel import WheelScale, scale_from_fixes, scale_from_gnss
-from trackfg.files.small_file import without_none
 from trackfg.recording.model import Recording
 from trackfg.sensors.standstills import find_standstills
 from trackfg.sensors.tach import with_sense
@@ -52,8 +51,14 @@ class Estimates:
 
     def as_dict(self) -> dict[str, Any]:
         """Nested, ready for JSON, without what could not be estimated."""
-        content: dict[str, Any] = without_none(asdict(self))
+        content: dict[str, Any] = _without_none(asdict(self))
         return content
+
+
+def _without_none(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _without_none(item) for key, item in value.items() if item is not None}
+    return [_without_none(item) for item in value] if isinstance(value, list | tuple) else value
 
 
 def estimates_of(recording: Recording) -> Estimates:

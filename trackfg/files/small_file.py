@@ -64,13 +64,6 @@ def json_of(content: bytes | str) -> Any:
         raise ValueError("nested too deeply") from None
 
 
-def without_none(content: Any) -> Any:
-    """Return a content without keys whose value is None, and with lists for tuples: TOML has no null."""
-    if isinstance(content, dict):
-        return {key: without_none(item) for key, item in content.items() if item is not None}
-    return [without_none(item) for item in content] if isinstance(content, list | tuple) else content
-
-
 def read_toml(path: Path) -> dict[str, Any]:
     """Return the content of a small TOML file. Raises :class:`BadInputError` that names the file."""
     try:

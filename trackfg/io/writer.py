@@ -19,7 +19,6 @@ import tomli_w
 from trackfg.errors import BadInputError
 from trackfg.files.atomic_folder import real_path, replaced_folder
 from trackfg.files.parquet import write_parquet
-from trackfg.files.small_file import without_none
 from trackfg.io.balises import balises_written
 from trackfg.io.content import named_files
 from trackfg.io.description_reader import FILE_NAME
@@ -96,7 +95,7 @@ def write_recording(
             write_table(table, new / file)
         if recording.known_line is not None:
             (new / KNOWN_LINE_FILE).write_bytes(line_written(recording.known_line))
-        content = without_none(_with_tachs_together(description.model_dump()))
+        content = _with_tachs_together(description.model_dump(exclude_none=True))  # TOML has no null
         (new / FILE_NAME).write_text(tomli_w.dumps(content), encoding="utf-8")
     return folder
 
