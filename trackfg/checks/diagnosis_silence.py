@@ -40,7 +40,7 @@ _WHITE_RANGE = 2.563
 
 @dataclass(frozen=True)
 class SilentSpan:
-    """A span in which the IMU moves and the tach does not: it has no rows (``absent``) or one value (``constant``)."""
+    """The IMU moves in this span, the tach does not: it has no rows (``absent``) or one value (``constant``)."""
 
     start_s: float
     end_s: float
