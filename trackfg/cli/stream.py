@@ -6,7 +6,7 @@ import json as json_text
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -115,7 +115,7 @@ def stream(options: StreamOptions) -> None:
         note(f"{options.out}: the stream in it is finished")
         return
     if options.json:
-        print(json_text.dumps(asdict(counts), indent=2))
+        print(json_text.dumps(vars(counts), indent=2))
     events = ", ".join(f"{number} {kind}" for kind, number in sorted(counts.events.items())) or "no events"
     note(f"{counts.rows_in} rows, {counts.rows_used} of them used; {counts.keyframes} keyframes; {events}")
     if 2 * counts.rows_used < counts.rows_in:

@@ -36,6 +36,14 @@ def test_a_recording_into_parts(recording: Path, tmp_path: Path) -> None:
     np.testing.assert_allclose(np.diff(smoothed["t_s"]), 0.1, atol=1e-9)
 
 
+def test_what_came_of_a_stream_is_json(recording: Path, tmp_path: Path) -> None:
+    command = [*TRACKFG, recording, "--lag", "5", "-o", tmp_path / "out", "--json"]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    said = json.loads(done.stdout)
+    assert said["events"] == {"standstill": 1}
+    assert said["rows_in"] >= said["rows_used"] > 0
+
+
 def json_lines(duration_s: float) -> tuple[str, list[str]]:
     """The description and the rows of a run, these in the order of time."""
     description = {
