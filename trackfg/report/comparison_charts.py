@@ -197,7 +197,7 @@ def by_speed(rows: Iterable[Score], case: str, colour: Mapping[str, str]) -> Fig
         "hovermode": "closest",
         "showlegend": True,
     }
-    named: set[str] = set()
+    named: dict[str, None] = {}  # in the order of the lines
     for number, quantity in enumerate(quantities, start=1):
         axis = "" if number == 1 else str(number)
         layout[f"xaxis{axis}"] = {"title": {"text": "speed, km/h"}, "gridcolor": _GRID, "rangemode": "tozero"}
@@ -233,7 +233,7 @@ def by_speed(rows: Iterable[Score], case: str, colour: Mapping[str, str]) -> Fig
                     + f"<extra>{plain(name)}</extra>",
                 }
             )
-            named.add(name)
+            named[name] = None
     shown = ", ".join(QUANTITIES[quantity].label for quantity in quantities)
     said = f"Error over speed of {shown}, a line each for {', '.join(named)}; the tables by speed have the numbers."
     return Figure(tuple(traces), layout, 430, said)

@@ -60,6 +60,7 @@ def test_error_over_speed(comparison: Comparison) -> None:
     smoother, rival = figure.traces
     assert smoother["x"] == rival["x"] == [12.5, 17.5]
     assert rival["y"] == pytest.approx([0.29, 0.9])
+    assert "a line each for smoother, rival;" in figure.alternative
     assert by_speed(comparison.about.rows, "another", COLOURS) is None
 
 
