@@ -22,16 +22,12 @@ _STYLES = {"wrong": "bold red", "undecided": "yellow", "surveyed": "cyan"}
 
 
 def balises(
-    runs: Annotated[
-        list[Path],
-        typer.Argument(metavar="OUT", help="Results of runs that passed balises with ids.", show_default=False),
-    ],
+    runs: Annotated[list[Path], typer.Argument(metavar="OUT", help="Results of runs that passed balises with ids.")],
     planned: Annotated[
         Path | None,
         typer.Option(
             metavar="FILE",
             help="Planned places instead of the recordings' own: id, chainage_m, sd_m; empty where not known.",
-            show_default=False,
         ),
     ] = None,
     out: TableFile = None,

@@ -30,41 +30,25 @@ class BatchChoices:
     """The options of ``trackfg batch``."""
 
     places: Annotated[
-        list[str],
-        typer.Argument(
-            metavar="CATALOGUE", help="A table of runs, recordings, or a pattern in quotes.", show_default=False
-        ),
+        list[str], typer.Argument(metavar="CATALOGUE", help="A table of runs, recordings, or a pattern in quotes.")
     ]
     out: Annotated[
         str, typer.Option("-o", "--out", metavar="STORE", help="Folder or URL for results and their catalogue.")
     ]
-    line: Annotated[
-        str | None, typer.Option(metavar="NAME", help="Of runs whose row names no line.", show_default=False)
-    ] = None
+    line: Annotated[str | None, typer.Option(metavar="NAME", help="Of runs whose row names no line.")] = None
     map_location: Annotated[
-        str | None, typer.Option("--map", metavar="MAP", help="For runs whose row names no map.", show_default=False)
+        str | None, typer.Option("--map", metavar="MAP", help="For runs whose row names no map.")
     ] = None
-    known_line: Annotated[
-        str | None,
-        typer.Option(metavar="FILE", help="Tracks of runs whose row names none.", show_default=False),
-    ] = None
-    config: Annotated[
-        str | None,
-        typer.Option(metavar="C.toml", help="Settings of runs whose row names none.", show_default=False),
-    ] = None
+    known_line: Annotated[str | None, typer.Option(metavar="FILE", help="Tracks of runs whose row names none.")] = None
+    config: Annotated[str | None, typer.Option(metavar="C.toml", help="Settings of runs whose row names none.")] = None
     jobs: Annotated[
         int | None,
-        typer.Option(
-            metavar="N", min=1, help="Runs at a time. As many as cores and memory allow if absent.", show_default=False
-        ),
+        typer.Option(metavar="N", min=1, help="Runs at a time. As many as cores and memory allow if absent."),
     ] = None
     timeout: Annotated[float, typer.Option(metavar="S", min=0.0, help="Longest time for one run.")] = 14400.0
     memory: Annotated[float, typer.Option(metavar="GB", min=0.001, help="Most memory for one run.")] = 4.0
     scheduler: Annotated[
-        str | None,
-        typer.Option(
-            metavar="URL", help="Compute on a running dask.distributed cluster: tcp://HOST:8786.", show_default=False
-        ),
+        str | None, typer.Option(metavar="URL", help="Compute on a running dask.distributed cluster: tcp://HOST:8786.")
     ] = None
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Say what is to be computed and why, and stop.")] = False
     json: Annotated[bool, typer.Option("--json", help="Print JSON lines instead of text.")] = False

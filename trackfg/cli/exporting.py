@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 class ExportChoices:
     """The options of ``trackfg export``."""
 
-    result: Annotated[Path, typer.Argument(metavar="OUT", help="Folder of the result.", show_default=False)]
+    result: Annotated[Path, typer.Argument(metavar="OUT", help="Folder of the result.")]
     to: Annotated[
         str, typer.Option("--to", metavar="FORMAT", help="Its name; `trackfg export --list OUT` shows all.")
     ] = "csv"
@@ -26,9 +26,7 @@ class ExportChoices:
     table: Annotated[str, typer.Option(metavar="NAME", help="geometry, trajectory, events or balises, for csv.")] = (
         "geometry"
     )
-    template: Annotated[
-        Path | None, typer.Option(metavar="T.toml", help="Columns of a channel file.", show_default=False)
-    ] = None
+    template: Annotated[Path | None, typer.Option(metavar="T.toml", help="Columns of a channel file.")] = None
     step: Annotated[float, typer.Option(metavar="M", min=0.01, help="Spacing of drawn vertices.")] = 1.0
     km: Annotated[bool, typer.Option("--km", help="Write official places, such as 12+345.60, too.")] = False
     bands: Annotated[bool, typer.Option("--bands", help="Level and alignment in the bands D2 and D3, in tables.")] = (

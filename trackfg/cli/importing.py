@@ -24,13 +24,10 @@ if TYPE_CHECKING:
     from trackfg.interchange.importing.source_table import SourceTable
     from trackfg.results.result import Result
 
-Source = Annotated[
-    Path, typer.Argument(metavar="SRC", help="File, folder or zip of the recording.", show_default=False)
-]
-Out = Annotated[Path, typer.Option("-o", "--out", metavar="REC", help="Folder for the recording.", show_default=False)]
+Source = Annotated[Path, typer.Argument(metavar="SRC", help="File, folder or zip of the recording.")]
+Out = Annotated[Path, typer.Option("-o", "--out", metavar="REC", help="Folder for the recording.")]
 Format = Annotated[
-    str | None,
-    typer.Option("--from", metavar="FORMAT", help="Its format; by default it is recognised.", show_default=False),
+    str | None, typer.Option("--from", metavar="FORMAT", help="Its format; by default it is recognised.")
 ]
 
 _SHOWN = {
@@ -58,8 +55,7 @@ def import_recording(
     out: Out,
     from_format: Format = None,
     mapping: Annotated[
-        Path | None,
-        typer.Option(metavar="M.toml", help="Which columns are what; by default it is guessed.", show_default=False),
+        Path | None, typer.Option(metavar="M.toml", help="Which columns are what; by default it is guessed.")
     ] = None,
 ) -> None:
     """Turn a recording of another system into one of trackfg, or its track geometry into a result.
@@ -96,8 +92,7 @@ def init(
     out: Out,
     from_format: Format = None,
     mapping: Annotated[
-        Path | None,
-        typer.Option(metavar="M.toml", help="Mapping to write; by default REC.mapping.toml.", show_default=False),
+        Path | None, typer.Option(metavar="M.toml", help="Mapping to write; by default REC.mapping.toml.")
     ] = None,
     yes: Annotated[bool, typer.Option("--yes", help="Take every default instead of asking.")] = False,
 ) -> None:

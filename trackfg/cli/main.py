@@ -67,7 +67,7 @@ if TYPE_CHECKING:
     from trackfg.results.result import Result
 
 app = Commands()
-RecordingFolder = Annotated[Path, typer.Argument(metavar="REC", help="Folder of the recording.", show_default=False)]
+RecordingFolder = Annotated[Path, typer.Argument(metavar="REC", help="Folder of the recording.")]
 _NOT_TO_BE_TRUSTED = 3
 """Exit status of a command that wrote what is not to be trusted."""
 _INTERRUPTED = 130
@@ -234,14 +234,9 @@ def simulate(
         float | None, typer.Option(metavar="S", help="Length in seconds, instead of the scenario's own.")
     ] = None,
     line: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FILE", help="Run on this line: a description (.toml) or LandXML (.xml).", show_default=False
-        ),
+        Path | None, typer.Option(metavar="FILE", help="Run on this line: a description (.toml) or LandXML (.xml).")
     ] = None,
-    alignment: Annotated[
-        str | None, typer.Option(metavar="NAME", help="The alignment, of several in LandXML.", show_default=False)
-    ] = None,
+    alignment: Annotated[str | None, typer.Option(metavar="NAME", help="The alignment, of several in LandXML.")] = None,
 ) -> None:
     """Write the recording that a simulated vehicle would make, with the truth beside it."""
     from trackfg.datasets.line.line_file import read_line_file
@@ -338,9 +333,9 @@ def smooth(options: SmoothOptions) -> None:
 
 @app.command(example="trackfg baseline complementary run1 -o out1-complementary", loads="trackfg.comparison.estimators")
 def baseline(
-    name: Annotated[str, typer.Argument(metavar="NAME", help="One of `trackfg estimators`.", show_default=False)],
+    name: Annotated[str, typer.Argument(metavar="NAME", help="One of `trackfg estimators`.")],
     recording: RecordingFolder,
-    out: Annotated[Path, typer.Option("-o", "--out", metavar="OUT", help="Folder for its tables.", show_default=False)],
+    out: Annotated[Path, typer.Option("-o", "--out", metavar="OUT", help="Folder for its tables.")],
     as_printed: Annotated[
         bool, typer.Option("--as-printed", help="With the equations as the paper prints them, errors included.")
     ] = False,
@@ -370,26 +365,18 @@ class CompareOptions:
     """The options of ``trackfg compare``."""
 
     out: Annotated[Path, typer.Option("-o", "--out", metavar="OUT", help="Folder for the comparison.")]
-    recordings: Annotated[
-        list[Path] | None, typer.Argument(metavar="REC", help="Folders of recordings.", show_default=False)
-    ] = None
+    recordings: Annotated[list[Path] | None, typer.Argument(metavar="REC", help="Folders of recordings.")] = None
     scenarios: Annotated[
         list[str] | None,
         typer.Option(
             "--scenario",
             metavar="NAME",
             help="A scenario to simulate, or j-turn; may be given again. A standard set if there is no REC either.",
-            show_default=False,
         ),
     ] = None
     seeds: Annotated[int, typer.Option(metavar="N", min=1, help="Runs of each scenario.")] = 3
-    duration: Annotated[
-        float | None,
-        typer.Option(metavar="S", help="Length of every simulated run, s.", show_default=False),
-    ] = None
-    jobs: Annotated[
-        int | None, typer.Option(metavar="N", min=1, help="Processes. As many as cores if absent.", show_default=False)
-    ] = None
+    duration: Annotated[float | None, typer.Option(metavar="S", help="Length of every simulated run, s.")] = None
+    jobs: Annotated[int | None, typer.Option(metavar="N", min=1, help="Processes. As many as cores if absent.")] = None
     peers: Annotated[
         bool, typer.Option("--peers", help="Run other packages too, where they are installed: some are slow.")
     ] = False
@@ -430,17 +417,10 @@ def compare(options: CompareOptions) -> None:
 
 @app.command(example="trackfg plot out1 --from 12000 --to 14000 -o chart.html", loads="trackfg.plots.strip_chart")
 def plot(
-    result: Annotated[Path, typer.Argument(metavar="OUT", help="Folder of the result.", show_default=False)],
-    out: Annotated[
-        Path | None,
-        out_file("Picture: .png, .svg or .html. OUT.png if absent."),
-    ] = None,
-    from_m: Annotated[
-        float | None, typer.Option("--from", metavar="M", help="First chainage, m.", show_default=False)
-    ] = None,
-    to_m: Annotated[
-        float | None, typer.Option("--to", metavar="M", help="Last chainage, m.", show_default=False)
-    ] = None,
+    result: Annotated[Path, typer.Argument(metavar="OUT", help="Folder of the result.")],
+    out: Annotated[Path | None, out_file("Picture: .png, .svg or .html. OUT.png if absent.")] = None,
+    from_m: Annotated[float | None, typer.Option("--from", metavar="M", help="First chainage, m.")] = None,
+    to_m: Annotated[float | None, typer.Option("--to", metavar="M", help="Last chainage, m.")] = None,
     limits: Limits = None,
     level: Level = None,
     line_speed: LineSpeed = None,
@@ -475,8 +455,8 @@ def plot(
     loads="trackfg.report.track_limits",
 )
 def limits(
-    result: Annotated[Path, typer.Argument(metavar="OUT", help="Folder of the result.", show_default=False)],
-    source: Annotated[str, typer.Option("--limits", metavar="FILE|NAME", help=LIMITS_HELP, show_default=False)],
+    result: Annotated[Path, typer.Argument(metavar="OUT", help="Folder of the result.")],
+    source: Annotated[str, typer.Option("--limits", metavar="FILE|NAME", help=LIMITS_HELP)],
     level: Level = None,
     line_speed: LineSpeed = None,
     out: TableFile = None,
@@ -509,26 +489,17 @@ def limits(
 class ReportOptions:
     """What a page is about, and what it shows besides."""
 
-    folder: Annotated[
-        Path, typer.Argument(metavar="OUT", help="Folder of a result, a comparison or trends.", show_default=False)
-    ]
-    out: Annotated[
-        Path | None,
-        out_file("Page: .html. OUT.html if absent."),
-    ] = None
+    folder: Annotated[Path, typer.Argument(metavar="OUT", help="Folder of a result, a comparison or trends.")]
+    out: Annotated[Path | None, out_file("Page: .html. OUT.html if absent.")] = None
     recording: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="REC", help="The recording of the result, to show its truth and the errors.", show_default=False
-        ),
+        Path | None, typer.Option(metavar="REC", help="The recording of the result, to show its truth and the errors.")
     ] = None
     limits: Limits = None
     level: Level = None
     line_speed: LineSpeed = None
     km: Km = None
     background: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE", help="Lines and stations behind the map: .geojson, .gpkg.", show_default=False),
+        Path | None, typer.Option(metavar="FILE", help="Lines and stations behind the map: .geojson, .gpkg.")
     ] = None
 
 

@@ -24,36 +24,24 @@ if TYPE_CHECKING:
 maps = Commands(help="Feature maps: what repeated runs say together about a line.")
 
 _PLACE = "Path of a .gpkg, or postgresql://... URL."
-MapPlace = Annotated[str, typer.Argument(metavar="MAP", help=_PLACE, show_default=False)]
+MapPlace = Annotated[str, typer.Argument(metavar="MAP", help=_PLACE)]
 _NEWEST = "The newest if absent."
 
 
 @maps.command(example="trackfg map build out1 out2 run3 -o line.gpkg", loads="trackfg.cli.map_file")
 def build(
-    runs: Annotated[
-        list[str],
-        typer.Argument(metavar="RUN", help="Folders of results, or of recordings; a store.", show_default=False),
-    ],
-    place: Annotated[str, typer.Option("-o", "--out", metavar="MAP", help=_PLACE, show_default=False)],
-    name: Annotated[
-        str | None, typer.Option(metavar="NAME", help="Of the line, for a new map.", show_default=False)
-    ] = None,
+    runs: Annotated[list[str], typer.Argument(metavar="RUN", help="Folders of results, or of recordings; a store.")],
+    place: Annotated[str, typer.Option("-o", "--out", metavar="MAP", help=_PLACE)],
+    name: Annotated[str | None, typer.Option(metavar="NAME", help="Of the line, for a new map.")] = None,
     config: Annotated[
-        Path | None,
-        typer.Option(metavar="C.toml", help="Settings for recordings, which are smoothed first.", show_default=False),
+        Path | None, typer.Option(metavar="C.toml", help="Settings for recordings, which are smoothed first.")
     ] = None,
-    line: Annotated[
-        str | None, typer.Option(metavar="LINE", help="Of the runs of a store with several.", show_default=False)
-    ] = None,
+    line: Annotated[str | None, typer.Option(metavar="LINE", help="Of the runs of a store with several.")] = None,
     jobs: Annotated[
-        int | None,
-        typer.Option(
-            metavar="N", min=1, help="Processes. As many as cores and memory allow if absent.", show_default=False
-        ),
+        int | None, typer.Option(metavar="N", min=1, help="Processes. As many as cores and memory allow if absent.")
     ] = None,
     scheduler: Annotated[
-        str | None,
-        typer.Option(metavar="URL", help="Of a running dask.distributed cluster: tcp://HOST:8786.", show_default=False),
+        str | None, typer.Option(metavar="URL", help="Of a running dask.distributed cluster: tcp://HOST:8786.")
     ] = None,
 ) -> None:
     """Join runs into a map: a new one, or the newest version of the one that is there.
@@ -77,10 +65,10 @@ def build(
 
 @maps.command(example="trackfg map changes out5 line.gpkg -o changes.csv", loads="trackfg.mapping")
 def changes(
-    run: Annotated[Path, typer.Argument(metavar="OUT", help="Folder of a result.", show_default=False)],
+    run: Annotated[Path, typer.Argument(metavar="OUT", help="Folder of a result.")],
     place: MapPlace,
     out: TableFile = None,
-    version: Annotated[int | None, typer.Option(metavar="N", help=_NEWEST, show_default=False)] = None,
+    version: Annotated[int | None, typer.Option(metavar="N", help=_NEWEST)] = None,
     floor: Annotated[
         float, typer.Option(metavar="MM", min=0.0, help="Least change of cross-level, twist and versines.")
     ] = 1.0,
@@ -115,24 +103,19 @@ class TrendChoices:
     runs: Annotated[
         list[Path] | None,
         typer.Argument(
-            metavar="OUT",
-            help="Folders of results, each of a date. Those that the map was made of if absent.",
-            show_default=False,
+            metavar="OUT", help="Folders of results, each of a date. Those that the map was made of if absent."
         ),
     ] = None
-    out: Annotated[
-        Path | None, typer.Option("-o", "--out", metavar="DIR", help="Folder for the tables.", show_default=False)
-    ] = None
+    out: Annotated[Path | None, typer.Option("-o", "--out", metavar="DIR", help="Folder for the tables.")] = None
     limits: Limits = None
     level: Level = None
-    version: Annotated[int | None, typer.Option(metavar="N", help=_NEWEST, show_default=False)] = None
+    version: Annotated[int | None, typer.Option(metavar="N", help=_NEWEST)] = None
     floor: Annotated[float, typer.Option(metavar="MM", min=0.0, help="Least rate of a trend, mm per month.")] = 0.1
     tonnage: Annotated[
         Path | None,
         typer.Option(
             metavar="FILE",
             help="Million tonnes that had passed by each date (.csv: date, mt): rates are per million tonnes then.",
-            show_default=False,
         ),
     ] = None
     layers: Annotated[bool, typer.Option("--layers", help="Put them into the map, as layers for a GIS, too.")] = False
@@ -191,7 +174,7 @@ def trends(options: TrendChoices) -> None:
 @maps.command(example="trackfg map show line.gpkg", loads="trackfg.maps")
 def show(
     place: MapPlace,
-    version: Annotated[int | None, typer.Option(metavar="N", help=_NEWEST, show_default=False)] = None,
+    version: Annotated[int | None, typer.Option(metavar="N", help=_NEWEST)] = None,
     km: Km = None,
     json: Json = False,
 ) -> None:
@@ -210,21 +193,13 @@ def show(
 
 @maps.command(example="trackfg map diff line.gpkg --from-version 1 --to-version 3", loads="trackfg.mapping")
 def diff(
-    first: Annotated[str, typer.Argument(metavar="A", help=_PLACE, show_default=False)],
-    second: Annotated[
-        str | None, typer.Argument(metavar="B", help="Another map; A itself if absent.", show_default=False)
-    ] = None,
+    first: Annotated[str, typer.Argument(metavar="A", help=_PLACE)],
+    second: Annotated[str | None, typer.Argument(metavar="B", help="Another map; A itself if absent.")] = None,
     from_version: Annotated[
         int | None,
-        typer.Option(
-            metavar="N",
-            help="Version of A. If absent the newest; without B the one that B's is made from.",
-            show_default=False,
-        ),
+        typer.Option(metavar="N", help="Version of A. If absent the newest; without B the one that B's is made from."),
     ] = None,
-    to_version: Annotated[
-        int | None, typer.Option(metavar="N", help="Version of B. The newest if absent.", show_default=False)
-    ] = None,
+    to_version: Annotated[int | None, typer.Option(metavar="N", help="Version of B. The newest if absent.")] = None,
     km: Km = None,
     json: Json = False,
 ) -> None:

@@ -34,11 +34,10 @@ Quiet = Annotated[
 Json = Annotated[bool, typer.Option("--json", help="Print JSON instead of tables.")]
 
 LIMITS_HELP = "A table of limits (.toml), or cfr-213 (49 CFR 213), or one class of it: cfr-213-class-4."
-Limits = Annotated[str | None, typer.Option("--limits", metavar="FILE|NAME", help=LIMITS_HELP, show_default=False)]
-Level = Annotated[str | None, typer.Option(metavar="NAME", help="Only the limits of this level.", show_default=False)]
+Limits = Annotated[str | None, typer.Option("--limits", metavar="FILE|NAME", help=LIMITS_HELP)]
+Level = Annotated[str | None, typer.Option(metavar="NAME", help="Only the limits of this level.")]
 LineSpeed = Annotated[
-    float | None,
-    typer.Option(metavar="KMH", min=0.0, help="Speed of the line, for limits by speed.", show_default=False),
+    float | None, typer.Option(metavar="KMH", min=0.0, help="Speed of the line, for limits by speed.")
 ]
 
 
@@ -55,7 +54,7 @@ def _place_for_file(path: Path | None) -> Path | None:
 
 def out_file(help_text: str, metavar: str = "FILE") -> Any:
     """Return the option for the file that a command writes; folders that are missing above it are made."""
-    return typer.Option("-o", "--out", metavar=metavar, help=help_text, show_default=False, callback=_place_for_file)
+    return typer.Option("-o", "--out", metavar=metavar, help=help_text, callback=_place_for_file)
 
 
 TableFile = Annotated[Path | None, out_file("Table to write: .csv.")]
@@ -65,7 +64,6 @@ Km = Annotated[
     typer.Option(
         "--km/--no-km",
         help="Show official places, such as 12+345.60. They are shown by default where the line has them.",
-        show_default=False,
     ),
 ]
 """Official kilometrage: the same option of all commands that show places."""

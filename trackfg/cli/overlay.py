@@ -26,13 +26,9 @@ _MOST_ROWS = 60
 
 
 def overlay(
-    runs: Annotated[
-        list[Path],
-        typer.Argument(metavar="RUN", help="Results, or channel tables of recording cars.", show_default=False),
-    ],
+    runs: Annotated[list[Path], typer.Argument(metavar="RUN", help="Results, or channel tables of recording cars.")],
     out: Annotated[
-        Path | None,
-        typer.Option("-o", "--out", metavar="OUT", help="Folder for the tables and the page.", show_default=False),
+        Path | None, typer.Option("-o", "--out", metavar="OUT", help="Folder for the tables and the page.")
     ] = None,
     section: Annotated[
         int, typer.Option(metavar="M", min=20, help="Length of the sections of the shift, m: a multiple of 20.")

@@ -16,9 +16,7 @@ _MOST_COLUMNS = 8
 
 
 def statistics(
-    result: Annotated[
-        Path, typer.Argument(metavar="OUT", help="A result, or a recording car's channel table.", show_default=False)
-    ],
+    result: Annotated[Path, typer.Argument(metavar="OUT", help="A result, or a recording car's channel table.")],
     section: Annotated[float, typer.Option(metavar="M", min=1.0, help="Length of the sections, m.")] = 200.0,
     limits: Limits = None,
     line_speed: LineSpeed = None,

@@ -32,10 +32,7 @@ class StreamOptions:
     """The options of ``trackfg stream``."""
 
     source: Annotated[
-        str,
-        typer.Argument(
-            metavar="SOURCE", help="Folder of a recording, an MCAP file, or - for JSON lines.", show_default=False
-        ),
+        str, typer.Argument(metavar="SOURCE", help="Folder of a recording, an MCAP file, or - for JSON lines.")
     ]
     out: Annotated[
         str, typer.Option("-o", "--out", metavar="OUT", help="Folder for Parquet parts, or - for JSON lines.")
@@ -43,12 +40,9 @@ class StreamOptions:
     lag: Annotated[
         float, typer.Option(metavar="S", help="Smoothed estimates come this much later than the newest rows.")
     ] = 10.0
-    config: Annotated[
-        Path | None, typer.Option(metavar="C.toml", help="Settings other than the defaults.", show_default=False)
-    ] = None
+    config: Annotated[Path | None, typer.Option(metavar="C.toml", help="Settings other than the defaults.")] = None
     map_location: Annotated[
-        str | None,
-        typer.Option("--map", metavar="MAP", help="A map to be located on: its newest version.", show_default=False),
+        str | None, typer.Option("--map", metavar="MAP", help="A map to be located on: its newest version.")
     ] = None
     real_time: Annotated[
         bool, typer.Option("--real-time", help="Replay a recording as fast as it was made, not as fast as it can be.")
@@ -56,9 +50,7 @@ class StreamOptions:
     checkpoint_every: Annotated[
         float | None,
         typer.Option(
-            metavar="S",
-            help="Seconds of the stream from one checkpoint in OUT to the next: 60 unless given.",
-            show_default=False,
+            metavar="S", help="Seconds of the stream from one checkpoint in OUT to the next: 60 unless given."
         ),
     ] = None
     view: Annotated[

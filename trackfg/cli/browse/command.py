@@ -13,7 +13,7 @@ from trackfg.cli.options import PORT, Port
 
 
 def browse(
-    store: Annotated[str, typer.Argument(metavar="STORE", help="Folder or URL of a store.", show_default=False)],
+    store: Annotated[str, typer.Argument(metavar="STORE", help="Folder or URL of a store.")],
     port: Port = PORT,
 ) -> None:
     """Serve pages about the runs of a store at 127.0.0.1, until interrupted (Ctrl-C).

@@ -21,42 +21,29 @@ if TYPE_CHECKING:
 class SmoothOptions:
     """A recording, its result, and what the run is smoothed with besides."""
 
-    recording: Annotated[Path, typer.Argument(metavar="REC", help="Folder of the recording.", show_default=False)]
+    recording: Annotated[Path, typer.Argument(metavar="REC", help="Folder of the recording.")]
     out: Annotated[Path, typer.Option("-o", "--out", metavar="OUT", help="Folder for the result.")]
-    config: Annotated[
-        Path | None, typer.Option(metavar="C.toml", help="Settings other than the defaults.", show_default=False)
-    ] = None
+    config: Annotated[Path | None, typer.Option(metavar="C.toml", help="Settings other than the defaults.")] = None
     map_location: Annotated[
-        str | None,
-        typer.Option(
-            "--map", metavar="MAP", help="A map to locate the run on: its newest version.", show_default=False
-        ),
+        str | None, typer.Option("--map", metavar="MAP", help="A map to locate the run on: its newest version.")
     ] = None
     line: Annotated[
         Path | None,
         typer.Option(
-            metavar="FILE",
-            help="Known tracks that the run is on: GeoJSON, GeoPackage (.gpkg) or LandXML (.xml).",
-            show_default=False,
+            metavar="FILE", help="Known tracks that the run is on: GeoJSON, GeoPackage (.gpkg) or LandXML (.xml)."
         ),
     ] = None
     path: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="ID", help="A track of the line that the run takes; may be given again.", show_default=False
-        ),
+        list[str] | None, typer.Option(metavar="ID", help="A track of the line that the run takes; may be given again.")
     ] = None
     line_crs: Annotated[
         str | None,
         typer.Option(
             metavar="EPSG:N",
             help="Reference system of the line's coordinates, or local: that of the recording's positions.",
-            show_default=False,
         ),
     ] = None
-    alignment: Annotated[
-        str | None, typer.Option(metavar="NAME", help="This one alone of several in LandXML.", show_default=False)
-    ] = None
+    alignment: Annotated[str | None, typer.Option(metavar="NAME", help="This one alone of several in LandXML.")] = None
     memory: Annotated[
         float,
         typer.Option(metavar="GB", min=0.001, help="About the most memory: what is beyond lies in a file beside OUT."),

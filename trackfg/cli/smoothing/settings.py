@@ -15,13 +15,9 @@ from trackfg.errors import BadInputError
 
 
 def config(
-    out: Annotated[
-        Path | None,
-        out_file("File to write; standard output if absent.", "C.toml"),
-    ] = None,
+    out: Annotated[Path | None, out_file("File to write; standard output if absent.", "C.toml")] = None,
     limits: Annotated[
-        str | None,
-        typer.Option(metavar="NAME", help="A template of limits instead: en-13848-5.", show_default=False),
+        str | None, typer.Option(metavar="NAME", help="A template of limits instead: en-13848-5.")
     ] = None,
     json: Json = False,
 ) -> None:
