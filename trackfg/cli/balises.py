@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from trackfg.cli.options import Json, TableFile
+from trackfg.cli.terminal import numbers, show_or_tell, titled
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
@@ -38,7 +39,6 @@ def balises(
     Each run has an offset of its own, so that runs without any known balise help too.
     """
     from trackfg.cli.tables import records
-    from trackfg.cli.terminal import show_or_tell
     from trackfg.files.atomic_file import write_whole
     from trackfg.io.balises import read_places
     from trackfg.mapping.runs.balise_survey import surveyed_by_results
@@ -58,11 +58,8 @@ def balises(
 def _tables(survey: BaliseSurvey) -> Iterator[RenderableType]:
     from rich.text import Text
 
-    from trackfg.cli.terminal import titled
-
-    table = titled(f"{len(survey.table)} balises")
-    for heading in ("id", "passes", "planned m", "measured m", "difference m", "sigmas", "place m", "verdict"):
-        table.add_column(heading, justify="left" if heading in ("id", "verdict") else "right")
+    figures = numbers("passes", "planned m", "measured m", "difference m", "sigmas", "place m")
+    table = titled(f"{len(survey.table)} balises", "id", *figures, "verdict")
     for row in survey.table.to_dict("records"):
         left_out = f" ({int(row['left_out'])} left out)" if row["left_out"] else ""
         pairs = [_pair(row[name], row[f"{name}_sd"]) for name in ("planned_m", "measured_m", "difference_m", "place_m")]
@@ -89,11 +86,7 @@ def _tables(survey: BaliseSurvey) -> Iterator[RenderableType]:
 def _listed(title: str, headings: Iterable[str], rows: Iterable[Iterable[str]]) -> RenderableType:
     from rich.text import Text
 
-    from trackfg.cli.terminal import titled
-
-    table = titled(title)
-    for heading in headings:
-        table.add_column(heading)
+    table = titled(title, *headings)
     for row in rows:
         table.add_row(*map(Text, row))
     return table

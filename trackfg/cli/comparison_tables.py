@@ -9,7 +9,7 @@ from rich.console import RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from trackfg.cli.terminal import titled
+from trackfg.cli.terminal import columns, numbers, titled
 from trackfg.comparison.table import QUANTITIES, REFERENCE, About, ComparedCase, Difference, Row
 
 _BEATING = "bold yellow"
@@ -31,9 +31,7 @@ def of_comparison(about: About) -> Iterator[RenderableType]:
     if about.differences:
         yield _difference_table(about)
     if about.left_out:
-        table = titled("Left out")
-        for heading in ("case", "estimator", "why"):
-            table.add_column(heading, overflow="fold")
+        table = titled("Left out", *columns("case", "estimator", "why", overflow="fold"))
         alike: dict[tuple[str, str], list[str]] = {}
         for one in about.left_out:
             alike.setdefault((one.case, one.reason), []).append(one.estimator)
@@ -47,10 +45,9 @@ def _task_table(case: ComparedCase, task: str, rows: Sequence[Row]) -> Renderabl
     what = f"{case.name} withheld" if withheld else f"{case.name}, {task}"
     runs = f"{len(case.seeds)} {'parts' if withheld else 'runs'}" if len(case.seeds) > 1 else "1 run"
     against = ", difference from the first recording" if case.basis == "repeatability" else ""
-    table = titled(f"{what}: {runs} of {case.duration_s:.0f} s, {case.distance_km:.2f} km{against}")
-    table.add_column("")
-    for heading in ("error", "±", "largest", "coverage, %", "error / smoother's", "s / km"):
-        table.add_column(heading, justify="right")
+    figures = numbers("error", "±", "largest", "coverage, %", "error / smoother's", "s / km")
+    title = f"{what}: {runs} of {case.duration_s:.0f} s, {case.distance_km:.2f} km{against}"
+    table = titled(title, "", *figures)
     for quantity in dict.fromkeys(row.quantity for row in rows):
         table.add_section()
         table.add_row(Text(_labelled(quantity), style="bold"))
@@ -79,10 +76,7 @@ def _speed_table(case: ComparedCase, quantity: str, rows: Sequence[Row]) -> Rend
     """Return error of each estimator in each band of speed."""
     names = list(dict.fromkeys(row.estimator for row in rows))
     names.sort(key=lambda name: name != REFERENCE)
-    table = titled(f"{case.name}, {_labelled(quantity)}, by speed")
-    table.add_column("from km/h", justify="right")
-    for name in names:
-        table.add_column(name, justify="right")
+    table = titled(f"{case.name}, {_labelled(quantity)}, by speed", *numbers("from km/h", *names))
     cells = {(row.from_kmh, row.estimator): row for row in rows}
     for band in sorted({row.from_kmh for row in rows if row.from_kmh is not None}):
         of_band = [cells.get((band, name)) for name in names]
@@ -100,11 +94,7 @@ def _band_cell(row: Row | None) -> Text:
 
 def _difference_table(about: About) -> RenderableType:
     """Return how far the estimators are from the smoother: over the run, and in the kilometre where it is most."""
-    table = titled("Differences from the smoother")
-    for heading in ("quantity", "estimator"):
-        table.add_column(heading)
-    for heading in ("rms", "largest", "at km"):
-        table.add_column(heading, justify="right")
+    table = titled("Differences from the smoother", "quantity", "estimator", *numbers("rms", "largest", "at km"))
     groups: dict[tuple[str, str], list[Difference]] = {}
     for one in about.differences:
         groups.setdefault((one.quantity, one.estimator), []).append(one)

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from trackfg.cli.options import out_file, with_options
+from trackfg.cli.terminal import show, tell, titled, working
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
@@ -38,7 +39,6 @@ class ExportChoices:
 @with_options(ExportChoices)
 def export(options: ExportChoices) -> None:
     """Write a result in the format of another system: tables, geographic data, LandXML, RCM-DX, TUM, MCAP."""
-    from trackfg.cli.terminal import show, tell, working
     from trackfg.errors import BadInputError, expected_one_of
     from trackfg.interchange.exporting.channels import read_template
     from trackfg.interchange.exporting.export import export_result
@@ -62,11 +62,7 @@ def export(options: ExportChoices) -> None:
 
 
 def _formats(titles: dict[str, str]) -> RenderableType:
-    from trackfg.cli.terminal import titled
-
-    table = titled("Formats")
-    for heading in ("--to", "what"):
-        table.add_column(heading)
+    table = titled("Formats", "--to", "what")
     for name, title in titles.items():
         table.add_row(name, title)
     return table

@@ -11,7 +11,7 @@ from rich.console import RenderableType
 from rich.text import Text
 
 from trackfg.cli.tables import records
-from trackfg.cli.terminal import titled
+from trackfg.cli.terminal import columns, numbers, titled
 from trackfg.geometry.exceedances import Judgement
 from trackfg.report.severity import KilometreExceedances, by_kilometre, by_severity, place_text, quantity_text
 
@@ -31,33 +31,25 @@ def of_judgement(judgement: Judgement) -> Iterator[RenderableType]:
         yield _kilometres(by_kilometre(found))
         yield _exceedances(found.sort_values("chainage_m", kind="stable"))
     if judgement.not_judged:
-        table = titled("Not judged")
-        for heading in ("limit", "class", "why"):
-            table.add_column(heading, overflow="fold")
+        table = titled("Not judged", *columns("limit", "class", "why", overflow="fold"))
         for (quantity, reason), levels in judgement.not_judged_levels().items():
             table.add_row(Text(quantity), Text(levels), Text(reason))
         yield table
 
 
 def _kilometres(kilometres: Sequence[KilometreExceedances]) -> RenderableType:
-    table = titled("By kilometre")
-    table.add_column("km", justify="right")
-    table.add_column("exceedances", overflow="fold")
-    table.add_column("length m", justify="right")
-    table.add_column("worst, as a share of its limit", overflow="fold")
+    counts, worst = columns("exceedances", "worst, as a share of its limit", overflow="fold")
+    km, length = numbers("km", "length m")
+    table = titled("By kilometre", km, counts, length, worst)
     for one in kilometres:
         table.add_row(one.km, Text(one.counts_text), f"{one.length_m:.2f}", Text(one.worst_text))
     return table
 
 
 def _exceedances(found: pd.DataFrame) -> RenderableType:
-    table = titled(f"Exceedances: {len(found)}")
-    for heading in ("km", "length m"):
-        table.add_column(heading, justify="right")
-    table.add_column("what", overflow="fold")
-    for heading in ("value mm", "limit mm"):
-        table.add_column(heading, justify="right")
-    table.add_column("class", overflow="fold")
+    what, level = columns("what", "class", overflow="fold")
+    places, values = numbers("km", "length m"), numbers("value mm", "limit mm")
+    table = titled(f"Exceedances: {len(found)}", *places, what, *values, level)
     for row in found.to_dict("records"):
         sigma = "" if math.isnan(row["value_mm_sd"]) else f" ± {row['value_mm_sd']:.2f}"
         table.add_row(

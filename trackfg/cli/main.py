@@ -47,6 +47,7 @@ from trackfg.cli.smoothing.settings import config
 from trackfg.cli.statistics import statistics
 from trackfg.cli.stream import stream
 from trackfg.cli.terminal import (
+    columns,
     complain,
     next_step,
     note,
@@ -201,9 +202,7 @@ def scenarios() -> None:
     """List the built-in scenarios that simulate can run."""
     from rich.text import Text
 
-    table = titled("Scenarios")
-    table.add_column("name", no_wrap=True)
-    table.add_column("what it is")
+    table = titled("Scenarios", *columns("name", no_wrap=True), "what it is")
     for name, summary in _scenario_summaries().items():
         table.add_row(Text(name), Text(summary))
     show(table)

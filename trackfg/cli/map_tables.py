@@ -10,11 +10,11 @@ import numpy as np
 import pandas as pd
 from rich.box import SIMPLE_HEAD
 from rich.console import RenderableType
-from rich.table import Table
+from rich.table import Column, Table
 from rich.text import Text
 
 from trackfg.cli.tables import named_values, records
-from trackfg.cli.terminal import titled
+from trackfg.cli.terminal import columns, titled
 from trackfg.errors import printable
 from trackfg.maps.feature_map import GRID_QUANTITIES, FeatureMap
 from trackfg.results.official_places import KM_COLUMN, with_km
@@ -106,14 +106,11 @@ def difference_json(a: FeatureMap, b: FeatureMap, comparison: Difference) -> str
 def of_changes(changes: Changes) -> Iterator[RenderableType]:
     """Yield tables of what changed, and of what would have been found."""
     if len(changes.table):
-        table = _compact("Changes, the run less the map")
         km = KM_COLUMN in changes.table
-        for heading in (*(["km"] if km else []), "from m", "to m"):
-            table.add_column(heading, justify="right", no_wrap=True)
-        table.add_column("kind", no_wrap=True)
-        table.add_column("quantity")
-        for heading in ("before", "after", "change", "sigmas"):
-            table.add_column(heading, justify="right", no_wrap=True)
+        places = _numbers(*(["km"] if km else []), "from m", "to m")
+        values = _numbers("before", "after", "change", "sigmas")
+        kind = columns("kind", no_wrap=True)
+        table = _compact("Changes, the run less the map", *places, *kind, "quantity", *values)
         for row in _rows(changes.table):
             scale, unit = _shown_in(row.quantity)
             table.add_row(
@@ -130,10 +127,8 @@ def of_changes(changes: Changes) -> Iterator[RenderableType]:
         yield table
     else:
         yield Text("No change: the track is as the map has it.")
-    table = _compact("What would have been found")
-    table.add_column("quantity")
-    for heading in ("compared,\nm", "noise,\ntimes stated", "threshold,\nsigmas", "least change:\nmedian", "\nlargest"):
-        table.add_column(heading, justify="right", no_wrap=True)
+    headings = ("compared,\nm", "noise,\ntimes stated", "threshold,\nsigmas", "least change:\nmedian", "\nlargest")
+    table = _compact("What would have been found", "quantity", *_numbers(*headings))
     for row in _rows(changes.thresholds):
         scale, unit = _shown_in(row.quantity)
         least = changes.coverage[row.quantity].dropna()
@@ -212,10 +207,7 @@ def _sigma_rows(feature_map: FeatureMap) -> list[dict[str, Any]]:
 
 
 def _sigmas(feature_map: FeatureMap) -> RenderableType:
-    table = _compact("Sigmas")
-    table.add_column("")
-    for heading in ("median", "95 % are below"):
-        table.add_column(heading, justify="right")
+    table = _compact("Sigmas", "", *columns("median", "95 % are below", justify="right"))
     for row in _sigma_rows(feature_map):
         scale, unit = _shown_in(row["quantity"])
         what = row["what"].replace(row["quantity"], _label(row["quantity"], ""))
@@ -224,11 +216,8 @@ def _sigmas(feature_map: FeatureMap) -> RenderableType:
 
 
 def _runs(feature_map: FeatureMap) -> RenderableType:
-    table = _compact("Runs")
-    table.add_column("run", overflow="fold")
-    table.add_column("way")
-    for heading in ("offset, m", "scale - 1,\nppm", "cross-level\nbias, mm"):
-        table.add_column(heading, justify="right", no_wrap=True)
+    estimates = _numbers("offset, m", "scale - 1,\nppm", "cross-level\nbias, mm")
+    table = _compact("Runs", *columns("run", overflow="fold"), "way", *estimates)
     for row in _rows(feature_map.runs):
         recording = row.recording_id if row.recording_id != row.run_id else ""
         table.add_row(
@@ -242,13 +231,10 @@ def _runs(feature_map: FeatureMap) -> RenderableType:
 
 
 def _landmarks(title: str, landmarks: pd.DataFrame) -> RenderableType:
-    table = _compact(title)
-    table.add_column("landmark,\nleft, right", overflow="fold")
     km = KM_COLUMN in landmarks
-    for heading in (*(["km"] if km else []), "chainage, m", "radius, m", "cant, mm", "transition,\nm"):
-        table.add_column(heading, justify="right", no_wrap=True)
-    table.add_column("law", no_wrap=True)
-    table.add_column("runs", justify="right", no_wrap=True)
+    name, law = columns("landmark,\nleft, right", overflow="fold"), columns("law", no_wrap=True)
+    values = _numbers(*(["km"] if km else []), "chainage, m", "radius, m", "cant, mm", "transition,\nm")
+    table = _compact(title, *name, *values, *law, *_numbers("runs"))
     for row in _rows(landmarks):
         kind = "" if row.landmark_id.endswith(row.kind) else row.kind
         table.add_row(
@@ -264,15 +250,17 @@ def _landmarks(title: str, landmarks: pd.DataFrame) -> RenderableType:
     return table
 
 
-def _compact(title: str) -> Table:
+def _compact(title: str, *headings: str | Column) -> Table:
     """Return an empty table with one space between its columns: seven columns of numbers fit into 80 characters."""
-    return titled(title, box=SIMPLE_HEAD, show_edge=False, padding=0)
+    return titled(title, *headings, box=SIMPLE_HEAD, show_edge=False, padding=0)
+
+
+def _numbers(*headings: str) -> list[Column]:
+    return columns(*headings, justify="right", no_wrap=True)
 
 
 def _versions(versions: pd.DataFrame) -> RenderableType:
-    table = _compact("Versions")
-    for heading in ("version", "made from", "written", "runs", "trackfg"):
-        table.add_column(heading)
+    table = _compact("Versions", "version", "made from", "written", "runs", "trackfg")
     for row in _rows(versions):
         parent = "" if pd.isna(row.parent) else str(row.parent)
         table.add_row(str(row.version), parent, _text(row.written_at), str(row.runs), _text(row.trackfg))
@@ -287,11 +275,8 @@ def _moved(moved: pd.DataFrame) -> RenderableType:
         text += f"; of {unknown} the sigma is not known"
     if not len(shown):
         return Text(text)
-    table = _compact(text)
-    for heading in ("id", "kind", "quantity"):
-        table.add_column(heading, overflow="fold")
-    for heading in ("first", "second", "difference", "sigmas"):
-        table.add_column(heading, justify="right", no_wrap=True)
+    what = columns("id", "kind", "quantity", overflow="fold")
+    table = _compact(text, *what, *_numbers("first", "second", "difference", "sigmas"))
     for row in _rows(shown):
         _, unit = _shown_in(row.quantity)
         table.add_row(
@@ -308,10 +293,8 @@ def _moved(moved: pd.DataFrame) -> RenderableType:
 
 def _sections(sections: pd.DataFrame) -> RenderableType:
     """Return a table with one row per quantity: over all, and where it differs most."""
-    table = _compact("Grid")
-    table.add_column("quantity")
-    for heading in ("cells", "mean", "rms", "rms,\nsigmas", "largest", "at m"):
-        table.add_column(heading, justify="right", no_wrap=True)
+    headings = ("cells", "mean", "rms", "rms,\nsigmas", "largest", "at m")
+    table = _compact("Grid", "quantity", *_numbers(*headings))
     for quantity, rows in sections.groupby("quantity", sort=False):
         scale, unit = _shown_in(str(quantity))
         cells = rows["cells"].to_numpy()

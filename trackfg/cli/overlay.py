@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from trackfg.cli.options import Json
+from trackfg.cli.terminal import numbers, show_or_tell, titled, working
 from trackfg.files.atomic_folder import real_path
 from trackfg.files.libraries import library
 
@@ -40,7 +41,6 @@ def overlay(
     No hint of the offset is needed. The exit status is 2 where a run has no track in common with the first. In OUT are
     shifts.csv, differences.csv, overlay.json and a page with all runs over one axis.
     """
-    from trackfg.cli.terminal import show_or_tell, working
     from trackfg.files.owned_folder import FolderKind
     from trackfg.interchange.importing.channels.source_geometry import read_geometry
     from trackfg.mapping.runs.run_overlay import overlaid
@@ -95,18 +95,13 @@ def _write(laid: RunOverlay, out: Path, command: str) -> None:
 def _tables(laid: RunOverlay) -> list[RenderableType]:
     from rich.text import Text
 
-    from trackfg.cli.terminal import titled
-
-    shifts = titled(f"Shift against {laid.names[0]}")
-    for heading in ("run", "from m", "to m", "shift m", "1 sigma m"):
-        shifts.add_column(heading, justify="left" if heading == "run" else "right")
+    shifts = titled(f"Shift against {laid.names[0]}", "run", *numbers("from m", "to m", "shift m", "1 sigma m"))
     more = len(laid.shifts) - _MOST_ROWS
     for row in laid.shifts.head(_MOST_ROWS).to_dict("records"):
         values = (f"{row['from_m']:.1f}", f"{row['to_m']:.1f}", f"{row['shift_m']:.3f}", f"{row['shift_m_sd']:.3f}")
         shifts.add_row(Text(row["run"]), *values)
-    repeated = titled("Repeatability: standard deviation of the difference over 200 m")
-    for heading in ("run", "channel", "sections", "median", "95 % below", "greatest"):
-        repeated.add_column(heading, justify="left" if heading in ("run", "channel") else "right")
+    title = "Repeatability: standard deviation of the difference over 200 m"
+    repeated = titled(title, "run", "channel", *numbers("sections", "median", "95 % below", "greatest"))
     for row in laid.repeatability.to_dict("records"):
         sds = (f"{row[name]:.3g}" for name in ("sd_median", "sd_95", "sd_max"))
         repeated.add_row(Text(row["run"]), row["channel"], str(row["sections"]), *sds)

@@ -10,6 +10,7 @@ from typing import Annotated
 import typer
 
 from trackfg.cli.options import Json, Limits, LineSpeed, TableFile
+from trackfg.cli.terminal import numbers, show_or_tell, titled, working
 
 _MOST_COLUMNS = 8
 """Columns that are shown in a terminal."""
@@ -25,7 +26,6 @@ def statistics(
 ) -> None:
     """Print standard deviations of every channel per section, the track quality index, and shares beyond limits."""
     from trackfg.cli.tables import records
-    from trackfg.cli.terminal import show_or_tell, titled, working
     from trackfg.files.atomic_file import write_whole
     from trackfg.geometry.limits import LimitChoice
     from trackfg.interchange.importing.channels.source_geometry import read_geometry
@@ -41,10 +41,9 @@ def statistics(
     if json:
         print(json_text.dumps({"sections": records(table)}, indent=2))
         return
-    shown = titled(f"Sections of {section:g} m")
     names = list(table.columns)
-    for name in names[:_MOST_COLUMNS]:
-        shown.add_column(name.replace("_", " "), justify="right")
+    headings = [name.replace("_", " ") for name in names[:_MOST_COLUMNS]]
+    shown = titled(f"Sections of {section:g} m", *numbers(*headings))
     for row in table[names[:_MOST_COLUMNS]].to_numpy().tolist():
         shown.add_row(*(f"{place:.0f}" for place in row[:2]), *(_cell(value) for value in row[2:]))
     more = len(names) - _MOST_COLUMNS

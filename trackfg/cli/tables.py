@@ -13,7 +13,7 @@ from rich.console import RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from trackfg.cli.terminal import titled
+from trackfg.cli.terminal import columns, titled
 from trackfg.results.result import Result
 from trackfg.results.summary import Estimate, Mounting, Solver, Summary, VectorEstimate
 from trackfg.results.verdict import causes, opinions
@@ -33,10 +33,7 @@ _COLOUR = {"error": "bold red", "warning": "yellow", "info": "cyan"}
 
 def estimators(known: Mapping[str, Estimator]) -> RenderableType:
     """Name, title and source of each estimator."""
-    table = titled("Estimators")
-    table.add_column("name", no_wrap=True)
-    for heading in ("what it is", "source", "judged by"):
-        table.add_column(heading)
+    table = titled("Estimators", *columns("name", no_wrap=True), "what it is", "source", "judged by")
     for name, one in known.items():
         table.add_row(Text(name), Text(one.title), Text(one.source), Text(", ".join(one.tasks)))
     return table
@@ -46,9 +43,7 @@ def findings(found: Sequence[Finding]) -> RenderableType:
     """Return the findings, worst first, each with its place and hint; a line where there is none."""
     if not found:
         return Text("Nothing to report: the recording is sound.")
-    table = titled("Findings", show_lines=True)
-    for heading in ("", "where", "what", "hint"):
-        table.add_column(heading, overflow="fold")
+    table = titled("Findings", *columns("", "where", "what", "hint", overflow="fold"), show_lines=True)
     for finding in sorted(found, key=lambda one: list(_COLOUR).index(one.level)):
         expected = f"; expected {finding.expected}" if finding.expected else ""
         table.add_row(
@@ -191,15 +186,11 @@ def _converged(solver: Solver) -> str:
 def verdicts(result: Result) -> tuple[Table, Table]:
     """Return what can be believed, the worst first, and why, and what to do."""
     found = result.summary.verdicts
-    verdict = titled("Verdict", show_header=False)
-    verdict.add_column(no_wrap=True)
-    verdict.add_column()
+    verdict = titled("Verdict", *columns("", no_wrap=True), "", show_header=False)
     for opinion in opinions(found):
         style = "" if opinion.verdict == "trusted" else _COLOUR["warning"]
         verdict.add_row(Text(opinion.verdict, style=style), Text(", ".join(opinion.quantities)))
-    why = titled("Why", show_lines=True)
-    for heading in ("what is seen", "concerns", "what to do"):
-        why.add_column(heading, overflow="fold")
+    why = titled("Why", *columns("what is seen", "concerns", "what to do", overflow="fold"), show_lines=True)
     for cause in causes(found):
         why.add_row(Text(cause.reason), Text(", ".join(cause.quantities)), Text(cause.hint))
     return verdict, why
@@ -207,9 +198,7 @@ def verdicts(result: Result) -> tuple[Table, Table]:
 
 def named_values(title: str, rows: Mapping[str, str]) -> Table:
     """Return a line for each name and its text; none where there is no text."""
-    table = titled(title, show_header=False)
-    table.add_column(no_wrap=True)
-    table.add_column()
+    table = titled(title, *columns("", no_wrap=True), "", show_header=False)
     for name, text in rows.items():
         if text:
             table.add_row(name, Text(text))

@@ -16,7 +16,7 @@ from trackfg.errors import printable
 
 if TYPE_CHECKING:
     from rich.console import Console, RenderableType
-    from rich.table import Table
+    from rich.table import Column, Table
 
 _WIDTH_IN_A_PIPE = 120
 """Letters in a line where there is no terminal whose width could be asked for."""
@@ -129,11 +129,23 @@ def _table_as_json(part: RenderableType) -> Any:
     return {"title": str(part.title), "rows": [dict(zip(names, row, strict=True)) for row in rows]}
 
 
-def titled(title: str, **options: Any) -> Table:
+def titled(title: str, *columns: str | Column, **options: Any) -> Table:
     """Return an empty table with its title above."""
     from rich.table import Table
 
-    return Table(title=title, title_justify="left", title_style="bold", **options)
+    return Table(*columns, title=title, title_justify="left", title_style="bold", **options)
+
+
+def columns(*headings: str, **options: Any) -> list[Column]:
+    """Return columns of a table that are alike."""
+    from rich.table import Column
+
+    return [Column(heading, **options) for heading in headings]
+
+
+def numbers(*headings: str) -> list[Column]:
+    """Return columns that stand to the right."""
+    return columns(*headings, justify="right")
 
 
 def tell(*parts: RenderableType) -> None:

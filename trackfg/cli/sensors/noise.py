@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from trackfg.cli.options import Json, out_file
-from trackfg.cli.terminal import note, progress_bar, show_or_tell
+from trackfg.cli.terminal import note, numbers, progress_bar, show_or_tell, titled
 from trackfg.errors import BadInputError
 
 if TYPE_CHECKING:
@@ -88,16 +88,13 @@ def _length(found: LogNoise) -> str:
 
 def _table(found: LogNoise) -> RenderableType:
     """Return a row per sensor and axis."""
-    from trackfg.cli.terminal import titled
     from trackfg.sensors.log_noise import SENSORS
 
-    table = titled(f"Noise in {_length(found)} at rest, {1.0 / found.rest.dt:.4g} Hz")
-    table.add_column("")
     headings = ["white noise\nper root Hz", "bias\ninstability", "random walk\nper s and root Hz", "lowest deviation"]
     if found.temperature is not None:
         headings.append("per K")
-    for heading in headings:
-        table.add_column(heading, justify="right")
+    title = f"Noise in {_length(found)} at rest, {1.0 / found.rest.dt:.4g} Hz"
+    table = titled(title, "", *numbers(*headings))
     for row in found.axes.to_dict("records"):
         cells = [_with_sd(row[name], row[f"{name}_sd"]) for name in ("white", "bias_instability", "bias_walk")]
         at = row["lowest_at_s"]
