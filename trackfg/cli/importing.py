@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from trackfg.cli.terminal import Interruptible, next_step, note, tell, titled, working
+from trackfg.cli.terminal import interruptible, next_step, note, tell, titled, working
 
 if TYPE_CHECKING:
     from typing import TextIO
@@ -138,10 +138,10 @@ def _proposed(source: Path, out: Path, from_format: str | None, ask: Ask) -> tup
     from trackfg.interchange.importing.registry import source_format
 
     form = source_format(source, from_format)
-    with Interruptible("reading") as shown:
+    with interruptible("reading") as interrupted:
 
         def ask_alone(question: Question) -> str:
-            with shown.interrupted():
+            with interrupted():
                 return ask(question)
 
         tables = form.tables(source, lambda _: None)

@@ -7,7 +7,7 @@ import shutil
 import sys
 import textwrap
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import AbstractContextManager, ExitStack, contextmanager
 from typing import TYPE_CHECKING, Any
 
 import typer
@@ -240,23 +240,16 @@ def working(what: str) -> Iterator[None]:
         yield
 
 
-class Interruptible:
-    """Shows on a terminal that a command is at work on ``what``, and nothing while it asks something."""
+@contextmanager
+def interruptible(what: str) -> Iterator[Callable[[], AbstractContextManager[None]]]:
+    """Do as :func:`working`; give what shows nothing within a block of its own, while the command asks something."""
+    with ExitStack() as shown:
+        shown.enter_context(working(what))
 
-    def __init__(self, what: str) -> None:
-        self._what = what
-        self._shown = ExitStack()
+        @contextmanager
+        def interrupted() -> Iterator[None]:
+            shown.close()
+            yield
+            shown.enter_context(working(what))
 
-    def __enter__(self) -> Interruptible:
-        self._shown.enter_context(working(self._what))
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._shown.close()
-
-    @contextmanager
-    def interrupted(self) -> Iterator[None]:
-        """Show nothing within the block."""
-        self._shown.close()
-        yield
-        self._shown.enter_context(working(self._what))
+        yield interrupted
