@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from trackfg.cli.options import out_file, with_options
+from trackfg.cli.options import ResultFolder, out_file, with_options
 from trackfg.cli.terminal import show, tell, titled, working
 
 if TYPE_CHECKING:
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 class ExportChoices:
     """The options of ``trackfg export``."""
 
-    result: Annotated[Path, typer.Argument(metavar="OUT", help="Folder of the result.")]
+    result: ResultFolder
     to: Annotated[
         str, typer.Option("--to", metavar="FORMAT", help="Its name; `trackfg export --list OUT` shows all.")
     ] = "csv"

@@ -36,7 +36,9 @@ from trackfg.cli.options import (
     Limits,
     LineSpeed,
     Quiet,
+    ResultFolder,
     TableFile,
+    newest_map,
     out_file,
     with_options,
 )
@@ -300,11 +302,7 @@ def smooth(options: SmoothOptions) -> None:
 
     RESULT_FOLDER.refuse_foreign(options.out)
     settings = SmoothConfig.from_toml(options.config) if options.config else None
-    feature_map = None
-    if options.map_location is not None:
-        from trackfg.maps import read_map
-
-        feature_map = read_map(options.map_location)
+    feature_map = newest_map(options.map_location)
     known_line = options.known_line()
     with options.bounded_memory():
         with progress_bar(of_all=False) as progress:
@@ -416,7 +414,7 @@ def compare(options: CompareOptions) -> None:
 
 @app.command(example="trackfg plot out1 --from 12000 --to 14000 -o chart.html", loads="trackfg.plots.strip_chart")
 def plot(
-    result: Annotated[Path, typer.Argument(metavar="OUT", help="Folder of the result.")],
+    result: ResultFolder,
     out: Annotated[Path | None, out_file("Picture: .png, .svg or .html. OUT.png if absent.")] = None,
     from_m: Annotated[float | None, typer.Option("--from", metavar="M", help="First chainage, m.")] = None,
     to_m: Annotated[float | None, typer.Option("--to", metavar="M", help="Last chainage, m.")] = None,
@@ -454,7 +452,7 @@ def plot(
     loads="trackfg.report.track_limits",
 )
 def limits(
-    result: Annotated[Path, typer.Argument(metavar="OUT", help="Folder of the result.")],
+    result: ResultFolder,
     source: Annotated[str, typer.Option("--limits", metavar="FILE|NAME", help=LIMITS_HELP)],
     level: Level = None,
     line_speed: LineSpeed = None,

@@ -25,7 +25,7 @@ maps = Commands(help="Feature maps: what repeated runs say together about a line
 
 _PLACE = "Path of a .gpkg, or postgresql://... URL."
 MapPlace = Annotated[str, typer.Argument(metavar="MAP", help=_PLACE)]
-_NEWEST = "The newest if absent."
+Version = Annotated[int | None, typer.Option(metavar="N", help="The newest if absent.")]
 
 
 @maps.command(example="trackfg map build out1 out2 run3 -o line.gpkg", loads="trackfg.cli.map_file")
@@ -68,7 +68,7 @@ def changes(
     run: Annotated[Path, typer.Argument(metavar="OUT", help="Folder of a result.")],
     place: MapPlace,
     out: TableFile = None,
-    version: Annotated[int | None, typer.Option(metavar="N", help=_NEWEST)] = None,
+    version: Version = None,
     floor: Annotated[
         float, typer.Option(metavar="MM", min=0.0, help="Least change of cross-level, twist and versines.")
     ] = 1.0,
@@ -109,7 +109,7 @@ class TrendChoices:
     out: Annotated[Path | None, typer.Option("-o", "--out", metavar="DIR", help="Folder for the tables.")] = None
     limits: Limits = None
     level: Level = None
-    version: Annotated[int | None, typer.Option(metavar="N", help=_NEWEST)] = None
+    version: Version = None
     floor: Annotated[float, typer.Option(metavar="MM", min=0.0, help="Least rate of a trend, mm per month.")] = 0.1
     tonnage: Annotated[
         Path | None,
@@ -174,7 +174,7 @@ def trends(options: TrendChoices) -> None:
 @maps.command(example="trackfg map show line.gpkg", loads="trackfg.maps")
 def show(
     place: MapPlace,
-    version: Annotated[int | None, typer.Option(metavar="N", help=_NEWEST)] = None,
+    version: Version = None,
     km: Km = None,
     json: Json = False,
 ) -> None:

@@ -13,7 +13,7 @@ from contextlib import nullcontext
 from functools import wraps
 from importlib import import_module
 from pathlib import Path
-from typing import Annotated, Any, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
 import typer
 from typer.core import TyperCommand, TyperGroup
@@ -21,6 +21,9 @@ from typer.core import TyperCommand, TyperGroup
 from trackfg.cli.freed_memory import without_collection
 from trackfg.cli.terminal import printed_as_json, set_quiet, working
 from trackfg.errors import BadInputError
+
+if TYPE_CHECKING:
+    from trackfg.maps.feature_map import FeatureMap
 
 T = TypeVar("T")
 Command = TypeVar("Command", bound=Callable[..., None])
@@ -33,6 +36,8 @@ Quiet = Annotated[
 ]
 Json = Annotated[bool, typer.Option("--json", help="Print JSON instead of tables.")]
 
+ResultFolder = Annotated[Path, typer.Argument(metavar="OUT", help="Folder of the result.")]
+Config = Annotated[Path | None, typer.Option(metavar="C.toml", help="Settings other than the defaults.")]
 LIMITS_HELP = "A table of limits (.toml), or cfr-213 (49 CFR 213), or one class of it: cfr-213-class-4."
 Limits = Annotated[str | None, typer.Option("--limits", metavar="FILE|NAME", help=LIMITS_HELP)]
 Level = Annotated[str | None, typer.Option(metavar="NAME", help="Only the limits of this level.")]
@@ -72,6 +77,15 @@ Km = Annotated[
 PORT = 8765
 """The port of pages unless another is named: always the same, so that an open page finds what is served again."""
 Port = Annotated[int, typer.Option("--port", metavar="N", min=0, max=65535, help="Of the page; 0: any that is free.")]
+
+
+def newest_map(location: str | None) -> FeatureMap | None:
+    """Return the newest version of the map that is named, if any. What reads maps takes long to import."""
+    if location is None:
+        return None
+    from trackfg.maps import read_map
+
+    return read_map(location)
 
 
 def with_options(kind: Callable[..., T]) -> Callable[[Callable[[T], None]], Callable[..., None]]:

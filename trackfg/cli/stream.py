@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from trackfg.cli.options import PORT, Port, with_options
+from trackfg.cli.options import PORT, Config, Port, newest_map, with_options
 from trackfg.cli.terminal import complain, note, progress_bar
 from trackfg.errors import BadInputError
 
@@ -40,7 +40,7 @@ class StreamOptions:
     lag: Annotated[
         float, typer.Option(metavar="S", help="Smoothed estimates come this much later than the newest rows.")
     ] = 10.0
-    config: Annotated[Path | None, typer.Option(metavar="C.toml", help="Settings other than the defaults.")] = None
+    config: Config = None
     map_location: Annotated[
         str | None, typer.Option("--map", metavar="MAP", help="A map to be located on: its newest version.")
     ] = None
@@ -76,11 +76,7 @@ def stream(options: StreamOptions) -> None:
     from trackfg.streaming.sinks.sink import JsonLines
 
     settings = SmoothConfig.from_toml(options.config) if options.config else None
-    feature_map = None
-    if options.map_location is not None:
-        from trackfg.maps import read_map
-
-        feature_map = read_map(options.map_location)
+    feature_map = newest_map(options.map_location)
 
     def opened(saved: Checkpoint | None) -> Stream:
         rows = _source(options.source, real_time=options.real_time, position=saved.position if saved else 0)
@@ -99,8 +95,7 @@ def stream(options: StreamOptions) -> None:
             tell_status(step)
 
         if into_folder:
-            checkpoints = _CheckpointChoice(options.checkpoint_every, options.resume)
-            counts = _into_folder(Path(options.out), opened, checkpoints, watch)
+            counts = _into_folder(options, opened, watch)
         else:
             counts = opened(None).run(JsonLines(sys.stdout), watch=watch)
     if counts is None:
@@ -165,17 +160,8 @@ def _status(step: StreamStep) -> str:
 _NEVER_ADDED = "a stream is never added to another"
 
 
-@dataclass(frozen=True)
-class _CheckpointChoice:
-    every_s: float | None
-    resume: bool
-
-
 def _into_folder(
-    out: Path,
-    opened: Callable[[Checkpoint | None], Stream],
-    choice: _CheckpointChoice,
-    watch: Callable[[StreamStep], None],
+    options: StreamOptions, opened: Callable[[Checkpoint | None], Stream], watch: Callable[[StreamStep], None]
 ) -> StreamCounts | None:
     """Begin a stream in a folder, or go on with the one in it; None where that is finished."""
     from trackfg.files.atomic_file import UNFINISHED
@@ -183,8 +169,9 @@ def _into_folder(
     from trackfg.streaming.checkpoint.checkpoint import EVERY_S, Checkpoint, Checkpoints
     from trackfg.streaming.sinks.parquet_parts import NOTHING_WRITTEN, ParquetParts
 
-    checkpoints = Checkpoints(out / _CHECKPOINT, every_s=EVERY_S if choice.every_s is None else choice.every_s)
-    if choice.resume and checkpoints.path.exists():
+    out, every_s = Path(options.out), EVERY_S if options.checkpoint_every is None else options.checkpoint_every
+    checkpoints = Checkpoints(out / _CHECKPOINT, every_s=every_s)
+    if options.resume and checkpoints.path.exists():
         with sole_writer(out):
             saved = checkpoints.read()
             if saved.finished:

@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 from trackfg.cli import main
-from trackfg.cli.stream import _CheckpointChoice, _into_folder
+from trackfg.cli.stream import StreamOptions, _into_folder
 from trackfg.datasets.scenarios import simulate
 from trackfg.errors import BadInputError
 from trackfg.files.owned_folder import sole_writer
@@ -164,7 +164,7 @@ def test_a_stream_that_was_written_meanwhile_is_left_alone(recording: Path, tmp_
         written.update(contents(out))
 
     with pytest.raises(BadInputError, match="a stream is never added to another"):
-        _into_folder(out, opened, _CheckpointChoice(None, resume=False), lambda step: None)
+        _into_folder(StreamOptions(str(recording), str(out)), opened, lambda step: None)
     assert written
     assert contents(out) == written
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from trackfg.cli.options import Json
+from trackfg.cli.options import Config, Json
 from trackfg.errors import BadInputError
 
 if TYPE_CHECKING:
@@ -23,7 +23,7 @@ class SmoothOptions:
 
     recording: Annotated[Path, typer.Argument(metavar="REC", help="Folder of the recording.")]
     out: Annotated[Path, typer.Option("-o", "--out", metavar="OUT", help="Folder for the result.")]
-    config: Annotated[Path | None, typer.Option(metavar="C.toml", help="Settings other than the defaults.")] = None
+    config: Config = None
     map_location: Annotated[
         str | None, typer.Option("--map", metavar="MAP", help="A map to locate the run on: its newest version.")
     ] = None
