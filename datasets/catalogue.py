@@ -8,6 +8,7 @@ from __future__ import annotations
 import tomllib
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 from trackfg.datasets.effects.clocks import DelayedStamps
 from trackfg.datasets.effects.inertial import Noise, Warming
@@ -31,9 +32,7 @@ from trackfg.datasets.vehicle.driving import Parked, Service, Shunting, SpeedRes
 from trackfg.datasets.vehicle.motion import Limits
 from trackfg.datasets.vehicle.vehicle import CarBody, Rigid
 from trackfg.errors import BadInputError, expected_one_of
-from trackfg.numerics import units
-
-KMH = units.KMH
+from trackfg.numerics.units import KMH
 
 _SUMMARIES: dict[str, str] = tomllib.loads(Path(__file__).with_name("summaries.toml").read_text(encoding="utf-8"))
 """What each scenario is: a file, which ``trackfg scenarios`` reads without importing what scenarios are made of."""
@@ -95,7 +94,6 @@ HIGH_SPEED_LINE = replace(
     transition_min_m=50.0,
     max_gradient=0.015,
     vertical_radius_m=(10_000.0, 15_000.0),
-    line_speed_mps=120 * KMH,
 )
 
 GOOD_TRACK = IrregularityModel(
@@ -128,30 +126,34 @@ NARROW_YARD = replace(
 """Curves and grades of a tramway's depot, without cant. No scenario has it: low-cost sensors are tried on it."""
 
 
+SERVICE = Service(
+    limits=Limits(acceleration_mps2=0.7, jerk_mps3=0.5),
+    fastest_mps=MAIN_LINE.line_speed_mps,
+    start_m=50.0,
+    start_rest_s=30.0,
+    dwell_s=(20.0, 45.0),
+    hurry=(0.7, 1.0),
+    restrictions=SpeedRestrictions(per_km=0.15, speed_mps=(5 * KMH, 60 * KMH), length_m=(50.0, 200.0)),
+)
+
+
+def _named(name: str) -> dict[str, Any]:
+    return {"name": name, "summary": _SUMMARIES[name]}
+
+
 def _all() -> list[Scenario]:
-    service = Service(
-        limits=Limits(acceleration_mps2=0.7, jerk_mps3=0.5),
-        fastest_mps=MAIN_LINE.line_speed_mps,
-        start_m=50.0,
-        start_rest_s=30.0,
-        dwell_s=(20.0, 45.0),
-        hurry=(0.7, 1.0),
-        restrictions=SpeedRestrictions(per_km=0.15, speed_mps=(5 * KMH, 60 * KMH), length_m=(50.0, 200.0)),
-    )
     mainline = Scenario(
-        name="mainline",
-        summary=_SUMMARIES["mainline"],
+        **_named("mainline"),
         duration_s=3600.0,
         line=MAIN_LINE,
-        driver=service,
+        driver=SERVICE,
         imu=ADIS16495_1.imu(200.0),
         tach=TachModel(creep_density=1e-3),
         irregularities=GOOD_TRACK,
         balises=BaliseModel(spacing_m=5000.0, sd_m=0.3),
     )
     shunting = Scenario(
-        name="shunting",
-        summary=_SUMMARIES["shunting"],
+        **_named("shunting"),
         duration_s=600.0,
         line=YARD,
         driver=Shunting(
@@ -172,15 +174,13 @@ def _all() -> list[Scenario]:
         mainline,
         replace(
             mainline,
-            name="mainline-gnss",
-            summary=_SUMMARIES["mainline-gnss"],
+            **_named("mainline-gnss"),
             gnss=GnssModel(sd_m=(1.0, 1.0, 2.0), antenna_m=(2.0, 0.0, 3.0)),
             latitude_deg=35.2,
         ),
         _in_the_field(mainline),
         Scenario(
-            name="trolley",
-            summary=_SUMMARIES["trolley"],
+            **_named("trolley"),
             duration_s=1200.0,
             line=HIGH_SPEED_LINE,
             driver=Wandering(
@@ -197,24 +197,18 @@ def _all() -> list[Scenario]:
             balises=BaliseModel(spacing_m=200.0, sd_m=0.05),
         ),
         shunting,
-        replace(
-            shunting,
-            name="shunting-unsigned",
-            summary=_SUMMARIES["shunting-unsigned"],
-            tach=replace(shunting.tach, signed=False),
-        ),
+        replace(shunting, **_named("shunting-unsigned"), tach=replace(shunting.tach, signed=False)),
         _axle_box(),
         *_measuring_cars(),
         *_slippery_lines(),
         _shuttle(),
         _rough_ride(mainline),
-        replace(mainline, name="parked", summary=_SUMMARIES["parked"], duration_s=600.0, driver=Parked(place_m=50.0)),
+        replace(mainline, **_named("parked"), duration_s=600.0, driver=Parked(place_m=50.0)),
         replace(
             mainline,
-            name="no-stop",
-            summary=_SUMMARIES["no-stop"],
+            **_named("no-stop"),
             duration_s=1200.0,
-            driver=Wandering(limits=service.limits, speed_mps=(40 * KMH, 75 * KMH), hold_s=(20.0, 90.0), start_m=50.0),
+            driver=Wandering(limits=SERVICE.limits, speed_mps=(40 * KMH, 75 * KMH), hold_s=(20.0, 90.0), start_m=50.0),
         ),
     ]
 
@@ -223,8 +217,7 @@ def _in_the_field(mainline: Scenario) -> Scenario:
     """What recorders and receivers do to data outside a laboratory. All figures are assumed."""
     return replace(
         mainline,
-        name="mainline-field",
-        summary=_SUMMARIES["mainline-field"],
+        **_named("mainline-field"),
         duration_s=1800.0,
         gnss=GnssModel(
             sd_m=(1.0, 1.0, 2.0),
@@ -247,8 +240,7 @@ def _in_the_field(mainline: Scenario) -> Scenario:
 def _axle_box() -> Scenario:
     """A slow run through sharp, twisted curves, as in the patent on an axle-box sensor (JP7628028B2)."""
     return Scenario(
-        name="axle-box",
-        summary=_SUMMARIES["axle-box"],
+        **_named("axle-box"),
         duration_s=300.0,
         line=replace(
             YARD,
@@ -279,17 +271,14 @@ def _axle_box() -> Scenario:
 def _measuring_cars() -> list[Scenario]:
     """Two units of lasers on a car body, as in Suto, Tsubokawa and Yoshida (2020)."""
     steady = Scenario(
-        name="measuring-car-b",
-        summary=_SUMMARIES["measuring-car-b"],
+        **_named("measuring-car-b"),
         duration_s=1200.0,
         line=replace(MAIN_LINE, line_speed_mps=100 * KMH, station_spacing_m=3000.0),
-        driver=Service(
+        driver=replace(
+            SERVICE,
             limits=Limits(acceleration_mps2=0.6, jerk_mps3=0.4),
             fastest_mps=100 * KMH,
-            start_m=50.0,
-            start_rest_s=30.0,
             dwell_s=(20.0, 40.0),
-            hurry=(0.7, 1.0),
             restrictions=SpeedRestrictions(per_km=0.4, speed_mps=(5 * KMH, 60 * KMH), length_m=(50.0, 250.0)),
         ),
         imu=replace(ADIS16495_1.imu(200.0), lever_arm_m=(0.0, 0.0, 0.6)),
@@ -301,12 +290,7 @@ def _measuring_cars() -> list[Scenario]:
     )
     drifting = ADIS16495_1.noise.model_copy(update={"accel_bias_walk": 3e-4, "accel_bias_sd": 0.05})
     return [
-        replace(
-            steady,
-            name="measuring-car",
-            summary=_SUMMARIES["measuring-car"],
-            imu=replace(steady.imu, noise=drifting),
-        ),
+        replace(steady, **_named("measuring-car"), imu=replace(steady.imu, noise=drifting)),
         steady,
     ]
 
@@ -314,8 +298,7 @@ def _measuring_cars() -> list[Scenario]:
 def _slippery_lines() -> list[Scenario]:
     """A local train on wet rails, as in Iwata et al. on composite train positioning: 44 slips and slides in 18 runs."""
     wet = Scenario(
-        name="slippery-line",
-        summary=_SUMMARIES["slippery-line"],
+        **_named("slippery-line"),
         duration_s=1200.0,
         line=replace(
             MAIN_LINE, line_speed_mps=100 * KMH, radius_m=(300.0, 500.0), max_gradient=0.0159, station_spacing_m=1500.0
@@ -339,22 +322,11 @@ def _slippery_lines() -> list[Scenario]:
     leaves = AdhesionModel(stretches_per_km=1.0, stretch_m=(200.0, 800.0), mu_factor=(0.05, 0.3))
     return [
         wet,
+        replace(wet, **_named("slippery-line-leaves"), adhesion=leaves),
+        replace(wet, **_named("slippery-line-radar"), further_sensors=(radar,)),
         replace(
             wet,
-            name="slippery-line-leaves",
-            summary=_SUMMARIES["slippery-line-leaves"],
-            adhesion=leaves,
-        ),
-        replace(
-            wet,
-            name="slippery-line-radar",
-            summary=_SUMMARIES["slippery-line-radar"],
-            further_sensors=(radar,),
-        ),
-        replace(
-            wet,
-            name="slippery-line-two-axles",
-            summary=_SUMMARIES["slippery-line-two-axles"],
+            **_named("slippery-line-two-axles"),
             further_sensors=(FurtherAxle(replace(wet.tach, wheel_diameter_m=0.83, clock_offset_s=0.03), wet.adhesion),),
         ),
     ]
@@ -364,15 +336,12 @@ def _shuttle() -> Scenario:
     """One line, many runs, odd ones back: for repeatability and for maps."""
     length_m = 8000.0
     return Scenario(
-        name="shuttle",
-        summary=_SUMMARIES["shuttle"],
+        **_named("shuttle"),
         duration_s=1000.0,
         line=replace(MAIN_LINE, line_speed_mps=90 * KMH, radius_m=(300.0, 600.0)),
-        driver=Service(
-            limits=Limits(acceleration_mps2=0.7, jerk_mps3=0.5),
+        driver=replace(
+            SERVICE,
             fastest_mps=90 * KMH,
-            start_m=50.0,
-            start_rest_s=30.0,
             dwell_s=(20.0, 40.0),
             hurry=(0.5, 1.0),
             restrictions=SpeedRestrictions(per_km=0.1, speed_mps=(15 * KMH, 60 * KMH), length_m=(50.0, 200.0)),
@@ -393,8 +362,7 @@ def _rough_ride(mainline: Scenario) -> Scenario:
     """
     return replace(
         mainline,
-        name="rough-ride",
-        summary=_SUMMARIES["rough-ride"],
+        **_named("rough-ride"),
         duration_s=1200.0,
         line=replace(MAIN_LINE, line_speed_mps=100 * KMH, radius_m=(300.0, 600.0), station_spacing_m=2000.0),
         imu=ADIS16480.imu(200.0),
