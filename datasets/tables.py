@@ -6,13 +6,11 @@ IMU stamps at the centre of the sample's interval, columns named as in :mod:`tra
 
 from __future__ import annotations
 
-from typing import Literal
-
 import numpy as np
 import pandas as pd
 
 from trackfg.numerics.arrays import Array
-from trackfg.recording.description import Fixes, Gnss, Imu, ImuNoise, Laser, Vector3
+from trackfg.recording.description import Fixes, Gnss, Imu, ImuNoise, Vector3
 from trackfg.recording.model import FIX_COLUMNS, GNSS_COLUMNS, IMU_COLUMNS, LASER_COLUMNS, TACH_COLUMNS
 
 TRAJECTORY_COLUMNS = ("t_s", "east_m", "north_m", "up_m", "speed_mps", "roll_rad", "pitch_rad", "yaw_rad")
@@ -101,23 +99,6 @@ def fixes_description() -> Fixes:
     """What ``recording.toml`` says of a canonical ``fixes`` table."""
     time, chainage, sd = FIX_COLUMNS
     return Fixes(file="fixes.parquet", time=time, chainage=chainage, sd=sd)
-
-
-def laser_description(
-    name: str, position_m: Vector3, axis: Literal["y", "z"], rail: Literal["left", "right"], sd_m: float
-) -> Laser:
-    """What ``recording.toml`` says of a canonical laser table."""
-    time, displacement = LASER_COLUMNS
-    return Laser(
-        name=name,
-        file="lasers.parquet",
-        time=time,
-        column=displacement,
-        position_m=position_m,
-        axis=axis,
-        rail=rail,
-        sd_m=sd_m,
-    )
 
 
 def _table(names: tuple[str, ...], *columns: Array) -> pd.DataFrame:

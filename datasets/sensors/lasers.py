@@ -28,6 +28,7 @@ from trackfg.datasets.line.track import SimulatedTrack
 from trackfg.datasets.vehicle.ride import Ride
 from trackfg.numerics.arrays import Array
 from trackfg.recording.description import Laser, Vector3
+from trackfg.recording.model import LASER_COLUMNS
 
 STEP_M = 0.125
 
@@ -116,7 +117,17 @@ def laser_tables(
 
 def laser_description(model: LaserModel) -> Laser:
     """What ``recording.toml`` says of a sensor. The offset is for the user to find."""
-    return tables.laser_description(model.name, model.position_m, model.axis, model.rail, model.sd_m)
+    time, displacement = LASER_COLUMNS
+    return Laser(
+        name=model.name,
+        file="lasers.parquet",
+        time=time,
+        column=displacement,
+        position_m=model.position_m,
+        axis=model.axis,
+        rail=model.rail,
+        sd_m=model.sd_m,
+    )
 
 
 def _measured(d: Array, model: LaserModel, rng: np.random.Generator | None) -> Array:
