@@ -19,7 +19,7 @@ from pathlib import Path
 import numpy as np
 
 from trackfg.datasets.line.alignment import piecewise
-from trackfg.datasets.line.landxml_cant import read_cant
+from trackfg.datasets.line.landxml_cant import SAME_PLACE_M, read_cant
 from trackfg.datasets.line.landxml_file import Node, Units, is_inframodel, open_landxml, read_units, version_remarks
 from trackfg.datasets.line.landxml_kilometrage import read_kilometrage
 from trackfg.datasets.line.landxml_plan import CoordGeom, read_coord_geom
@@ -30,8 +30,6 @@ from trackfg.errors import BadInputError
 from trackfg.numerics.arrays import Array
 from trackfg.recording.line_kilometrage import LineKilometrage
 
-_SAME_PLACE_M = 0.01
-"""Places of a file that differ by less are one, m: files give centimetres."""
 _LENGTH_OFF_M = 1e-3
 """A header's length that differs by more from the elements' sum is remarked on, m."""
 _DEFAULT_BASE_M = 1.5
@@ -87,13 +85,7 @@ def read_landxml(
     highest = max(max(abs(element.start), abs(element.end)) for element in cant.elements)
     if highest >= 0.5 * base:
         raise node.error(f"a cant of {1e3 * highest:g} mm over {base:g} m: expected it in millimetres or inches")
-    line = plan.line(
-        cross_level_base_m=base,
-        start_yaw_rad=geometry.start_yaw_rad,
-        limit_from_m=np.zeros(1),
-        limit_mps=np.array([speed_limit_mps]),
-        stations_m=np.zeros(0),
-    )
+    line = plan.line(cross_level_base_m=base, start_yaw_rad=geometry.start_yaw_rad, speed_limit_mps=speed_limit_mps)
     start = np.array([geometry.start_m[1], geometry.start_m[0], pieces[0].height_m])
     return LandXmlLine(
         node.text("name") or "", line, plan, station, start, cant.gauge_m, tuple(remarks), kilometrage.line
@@ -160,7 +152,7 @@ def _read_profile(
         pieces = profile(vertices, length)
     except ValueError as error:
         raise chosen.error(str(error)) from error
-    short = vertices[0].plan_m > _SAME_PLACE_M or vertices[-1].plan_m < length - _SAME_PLACE_M
+    short = vertices[0].plan_m > SAME_PLACE_M or vertices[-1].plan_m < length - SAME_PLACE_M
     if short:
         remarks.append("the profile does not span the plan: its first and last gradients go on to the ends")
     corners = [b.plan_m for a, b in itertools.pairwise(pieces) if abs(a.end - b.start) > 1e-6]

@@ -20,7 +20,7 @@ from trackfg.datasets.line.landxml_file import Node, Units
 from trackfg.datasets.line.landxml_plan import SPIRALS
 from trackfg.numerics.arrays import Array
 
-_SAME_PLACE_M = 0.01
+SAME_PLACE_M = 0.01
 """Places of a file that differ by less are one, m: files give centimetres."""
 _SAME_CANT_M = 1e-6
 """Cants at one place that differ by less are one, m."""
@@ -79,7 +79,7 @@ def read_cant(alignment: Node, units: Units, plan: tuple[Element, ...], station_
         elements.append(Element("constant", length - last.plan_m, last.cant_m, last.cant_m))
 
     remarks = _beyond(stations, length)
-    if (first.plan_m > _SAME_PLACE_M and first.cant_m) or (last.plan_m < length - _SAME_PLACE_M and last.cant_m):
+    if (first.plan_m > SAME_PLACE_M and first.cant_m) or (last.plan_m < length - SAME_PLACE_M and last.cant_m):
         remarks.append("cant is not zero at the first or last CantStation: it is kept to the end of the alignment")
     if node.text("rotationPoint") not in (None, "center"):
         point = node.text("rotationPoint")
@@ -109,12 +109,12 @@ def _stations(node: Node, alignment: str, units: Units, station_start_m: float, 
         at = child.named(f"{alignment}, CantStation {number}")
         place = at.number("station") * units.length_m - station_start_m
         for edge in (0.0, length):
-            place = edge if abs(place - edge) <= _SAME_PLACE_M else place
+            place = edge if abs(place - edge) <= SAME_PLACE_M else place
         cant = _signed_cant(at, units)
         ahead = place - stations[-1].plan_m if stations else np.inf
-        if ahead < -_SAME_PLACE_M:
+        if ahead < -SAME_PLACE_M:
             raise at.error("its station is before that of the one before it: expected increasing stations")
-        if ahead >= _SAME_PLACE_M:
+        if ahead >= SAME_PLACE_M:
             stations.append(_Station(at, place, cant))
         elif abs(cant - stations[-1].cant_m) > _SAME_CANT_M:
             jump = 1e3 * (cant - stations[-1].cant_m)
@@ -137,4 +137,4 @@ def _ramp(node: Node, edges: Array, plan: tuple[Element, ...], before: _Station,
         return "linear" if kind == "linear" else ramp_law(SPIRALS[kind])
     i = int(np.argmin(np.abs(edges[:-1] - before.plan_m)))
     off = abs(edges[i] - before.plan_m), abs(edges[i + 1] - after.plan_m)
-    return ramp_law(plan[i].law) if max(off) < _SAME_PLACE_M and plan[i].law != "constant" else "linear"
+    return ramp_law(plan[i].law) if max(off) < SAME_PLACE_M and plan[i].law != "constant" else "linear"

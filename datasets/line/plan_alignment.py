@@ -38,14 +38,6 @@ class PlanAlignment:
     profile: tuple[ProfilePiece, ...]
     length_m: float
 
-    def gradient(self, plan_m: Array) -> Array:
-        """Return ``dz/dp``. Shape (...)."""
-        return self._of_profile(plan_m, "gradient")
-
-    def height(self, plan_m: Array) -> Array:
-        """Return height, m. Shape (...)."""
-        return self._of_profile(plan_m, "height")
-
     def plan_at(self, s: Array) -> Array:
         """Return length along the plan at the length ``s`` in space, m. Shape (...)."""
         return np.asarray(self._in_space["plan"](s))
@@ -54,16 +46,8 @@ class PlanAlignment:
         """Return length in space at the length ``plan_m`` along the plan, m. Shape (...)."""
         return np.asarray(self._in_space["space"](plan_m))
 
-    def line(
-        self,
-        *,
-        cross_level_base_m: float,
-        start_yaw_rad: float,
-        limit_from_m: Array,
-        limit_mps: Array,
-        stations_m: Array,
-    ) -> Line:
-        """Return the line in space; limits and stations are already places along it."""
+    def line(self, *, cross_level_base_m: float, start_yaw_rad: float, speed_limit_mps: float) -> Line:
+        """Return the line in space, without stations and with one speed limit."""
         functions = self._in_space
         return Line(
             curvature=functions["curvature"],
@@ -71,22 +55,11 @@ class PlanAlignment:
             grade=functions["grade"],
             length_m=float(functions["plan"].x[-1]),
             cross_level_base_m=cross_level_base_m,
-            limit_from_m=limit_from_m,
-            limit_mps=limit_mps,
-            stations_m=stations_m,
+            limit_from_m=np.zeros(1),
+            limit_mps=np.array([speed_limit_mps]),
+            stations_m=np.zeros(0),
             start_yaw_rad=start_yaw_rad,
         )
-
-    def _of_profile(self, plan_m: Array, quantity: str) -> Array:
-        plan_m = np.asarray(plan_m, dtype=np.float64)
-        starts = np.array([piece.plan_m for piece in self.profile])
-        which = np.clip(np.searchsorted(starts, plan_m, side="right") - 1, 0, len(starts) - 1)
-        out = np.empty(plan_m.shape)
-        for index in np.unique(which):
-            here = which == index
-            piece = self.profile[index]
-            out[here] = getattr(piece, quantity)(plan_m[here] - piece.plan_m)
-        return out
 
     @cached_property
     def _in_space(self) -> dict[str, PPoly]:
