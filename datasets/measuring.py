@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 
 from trackfg.datasets import tables
-from trackfg.datasets.line.line_file import GivenLine
+from trackfg.datasets.line.line import GivenLine
 from trackfg.datasets.line.track import SimulatedTrack
 from trackfg.datasets.scenario import Scenario, TableName
 from trackfg.datasets.sensors import imu_errors, inertial_sensor, lasers, odometer, positioning

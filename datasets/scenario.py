@@ -10,8 +10,8 @@ import numpy as np
 
 from trackfg.datasets.line.defects import Defect
 from trackfg.datasets.line.irregularities import IrregularityModel
+from trackfg.datasets.line.line import GivenLine
 from trackfg.datasets.line.line_design import LineDesign
-from trackfg.datasets.line.line_file import GivenLine
 from trackfg.datasets.sensors.clocks import ClockModel, DropModel
 from trackfg.datasets.sensors.further_sensor import FurtherSensor
 from trackfg.datasets.sensors.imu_errors import ImuModel

@@ -13,8 +13,8 @@ import pandas as pd
 from trackfg.datasets import tables
 from trackfg.datasets.catalogue import scenario, scenarios
 from trackfg.datasets.line.irregularities import Irregularities, draw_irregularities
+from trackfg.datasets.line.line import GivenLine
 from trackfg.datasets.line.line_design import random_line
-from trackfg.datasets.line.line_file import GivenLine
 from trackfg.datasets.line.track import SimulatedTrack
 from trackfg.datasets.line.truth_geometry import truth_geometry
 from trackfg.datasets.measuring import Kept, Sensor, Streams, measure
@@ -158,7 +158,10 @@ def simulate(
         kept_rngs = _streams(seed, (2, vehicle), len(get_args(Kept)))
         streams = replace(streams, kept=dict(zip(get_args(Kept), kept_rngs, strict=True)))
 
-    begin = _begin_of(progress)
+    def begin(stage: str) -> None:
+        if progress is not None:
+            progress(stage, _BEGINS[stage])
+
     begin("track")
     track = _track(plan, duration, line_rng, irregularity_rng)
     if plan.flange_knocks:
@@ -214,16 +217,6 @@ def simulate(
     )
     begin("writing")
     return simulation
-
-
-def _begin_of(progress: Callable[[str, float], None] | None) -> Callable[[str], None]:
-    """Return what is to be called as a stage begins."""
-
-    def begin(stage: str) -> None:
-        if progress is not None:
-            progress(stage, _BEGINS[stage])
-
-    return begin
 
 
 def _streams(seed: int, key: tuple[int, ...], count: int) -> list[np.random.Generator]:

@@ -29,6 +29,7 @@ from scipy.interpolate import PPoly
 from trackfg.datasets.line.polynomials import mirrored
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.key_figures import Outlined
+from trackfg.recording.line_kilometrage import LineKilometrage
 
 _CELL_M = 10.0
 """Longest cell that the position is integrated over at once, m."""
@@ -120,6 +121,18 @@ class Line(Outlined):
         gamma, yaw = self.grade(s), self.yaw(s)
         tangent = np.stack([np.cos(gamma) * np.cos(yaw), np.cos(gamma) * np.sin(yaw), np.sin(gamma)])
         return np.moveaxis(np.sum(half * _WEIGHTS * tangent, axis=-1), 0, -1)
+
+
+@dataclass(frozen=True)
+class GivenLine:
+    """A line for a scenario to run on, where it would draw one. ``remarks``: what a person should know about it."""
+
+    name: str
+    line: Line
+    gauge_m: float
+    chainage_origin_m: float = 0.0
+    remarks: tuple[str, ...] = ()
+    kilometrage: LineKilometrage | None = None
 
 
 def _negative(function: PPoly) -> PPoly:

@@ -8,7 +8,6 @@ chainage of its gradient point.
 from __future__ import annotations
 
 import itertools
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -16,7 +15,7 @@ import numpy as np
 from pydantic import Field, ValidationError, model_validator
 
 from trackfg.datasets.line.alignment import LONGEST_M, SMALLEST_RADIUS_M, Element, Law, piecewise, ramp_law
-from trackfg.datasets.line.line import Line
+from trackfg.datasets.line.line import GivenLine, Line
 from trackfg.datasets.line.vertical_profile import STEEPEST
 from trackfg.errors import BadInputError
 from trackfg.files.small_file import read_toml
@@ -37,22 +36,6 @@ Chainage = Annotated[float, Field(strict=True, ge=-1e7, le=1e7)]
 """m: longer than any railway."""
 ElementLength = Annotated[float, Field(strict=True, gt=0)]
 """m."""
-
-
-@dataclass(frozen=True)
-class DescribedLine:
-    """``line`` begins at chainage ``chainage_origin_m``. ``station_names`` are those of ``line.stations_m``.
-
-    ``kilometrage`` ends with the line; its line is the description's id where it names none.
-    """
-
-    id: str
-    line: Line
-    chainage_origin_m: float
-    gauge_m: float
-    station_names: tuple[str, ...]
-    remarks: tuple[str, ...]
-    kilometrage: LineKilometrage | None = None
 
 
 class Straight(Model):
@@ -138,7 +121,7 @@ class LineDescription(Model):
     kilometrage: LineKilometrage | None = None
 
 
-def read_line(path: Path | str) -> DescribedLine:
+def read_line(path: Path | str) -> GivenLine:
     """Return the line that a TOML file describes.
 
     A jump of the curvature is in the remarks; a jump of the cant is an error. Raises :class:`BadInputError` naming
@@ -155,8 +138,11 @@ def read_line(path: Path | str) -> DescribedLine:
         raise BadInputError(f"{path}: {error}") from error
 
 
-def line_from(description: LineDescription) -> DescribedLine:
-    """Return the line of a description. Raises ``ValueError`` naming the part and what was expected."""
+def line_from(description: LineDescription) -> GivenLine:
+    """Return the line of a description; its kilometrage ends with the line, and has its name where it has none.
+
+    Raises ``ValueError`` naming the part and what was expected.
+    """
     curvature, cant = _plan(description)
     edges = np.concatenate([[0.0], np.cumsum([element.length_m for element in curvature])])
     length = float(edges[-1])
@@ -189,9 +175,8 @@ def line_from(description: LineDescription) -> DescribedLine:
         )
         if before.end != after.start
     )
-    names = tuple(station.name for station in description.station)
     kilometrage = _kilometrage(description, origin + length)
-    return DescribedLine(description.id, line, origin, description.gauge_m, names, remarks, kilometrage)
+    return GivenLine(description.id, line, description.gauge_m, origin, remarks, kilometrage)
 
 
 def _kilometrage(description: LineDescription, end: float) -> LineKilometrage | None:

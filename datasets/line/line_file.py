@@ -10,18 +10,17 @@ rounded down to 5 km/h, and the rest of the line has none: there the driver goes
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from trackfg.datasets.line.landxml import read_landxml
-from trackfg.datasets.line.line import Line
+from trackfg.datasets.line.line import GivenLine, Line
 from trackfg.datasets.line.line_description import read_line
 from trackfg.errors import BadInputError
 from trackfg.numerics import units
 from trackfg.numerics.arrays import Array
-from trackfg.recording.line_kilometrage import LineKilometrage
 
 UNCOMPENSATED_MPS2 = 0.65
 """Acceleration in the plane of the track that speed limits allow, m/s^2: a cant deficiency of 100 mm on 1.5 m."""
@@ -32,18 +31,6 @@ _STEP_MPS = 5.0 * units.KMH
 """Speed limits are whole multiples of it: 5 km/h."""
 _DEFAULT_GAUGE_M = 1.435
 """Gauge where the file gives none, m: standard gauge."""
-
-
-@dataclass(frozen=True)
-class GivenLine:
-    """A line for a scenario to run on, where it would draw one. ``remarks``: what a person should know about it."""
-
-    name: str
-    line: Line
-    gauge_m: float
-    chainage_origin_m: float = 0.0
-    remarks: tuple[str, ...] = ()
-    kilometrage: LineKilometrage | None = None
 
 
 def read_line_file(path: Path | str, alignment: str | None = None) -> GivenLine:
@@ -57,15 +44,7 @@ def read_line_file(path: Path | str, alignment: str | None = None) -> GivenLine:
         case ".toml" if alignment is not None:
             raise BadInputError(f"{path}: holds one line: expected LandXML (.xml) to choose {alignment!r} from")
         case ".toml":
-            described = read_line(path)
-            return GivenLine(
-                described.id,
-                described.line,
-                described.gauge_m,
-                described.chainage_origin_m,
-                described.remarks,
-                described.kilometrage,
-            )
+            return read_line(path)
         case ".xml":
             designed = read_landxml(path, name=alignment, speed_limit_mps=np.inf)
             return GivenLine(

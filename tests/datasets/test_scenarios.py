@@ -7,8 +7,8 @@ import pytest
 
 from trackfg import datasets
 from trackfg.datasets.catalogue import scenario
+from trackfg.datasets.line.line import GivenLine
 from trackfg.datasets.line.line_design import random_line
-from trackfg.datasets.line.line_file import GivenLine
 from trackfg.datasets.scenario import Recorder
 from trackfg.datasets.sensors.clocks import ClockModel, DropModel
 from trackfg.datasets.vehicle.adhesion import draw_slip

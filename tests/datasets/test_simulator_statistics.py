@@ -10,8 +10,7 @@ from scipy.interpolate import CubicSpline, make_interp_spline
 from trackfg import datasets
 from trackfg.datasets.catalogue import scenario
 from trackfg.datasets.line.irregularities import IrregularityModel, spectra
-from trackfg.datasets.line.line import Line, piecewise_linear
-from trackfg.datasets.line.line_file import GivenLine
+from trackfg.datasets.line.line import GivenLine, Line, piecewise_linear
 from trackfg.datasets.sensors.imu_errors import ImuResponse
 from trackfg.datasets.vehicle.vehicle import Rigid
 
