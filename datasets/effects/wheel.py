@@ -27,23 +27,26 @@ class CoarsePulses(Effect):
 
 
 _FINE = 100.0
-"""Factor on the pulses of a tachometer that shows a speed: then the steps of the display are the only ones."""
+"""Factor on the pulses of a tachometer that shows a speed."""
 _METER_S = 0.2
 """Over what time a speedometer averages, s. Assumed."""
 
 
+class _ShownSpeed(Effect):
+    """A speed on a display, whose steps are the only ones: the count behind it has :data:`_FINE` times the pulses."""
+
+    def planned(self, plan: Scenario) -> Scenario:
+        return replace(plan, tach=replace(plan.tach, pulses_per_rev=_FINE * plan.tach.pulses_per_rev))
+
+
 @dataclass(frozen=True)
-class WholeKmh(Effect):
+class WholeKmh(_ShownSpeed):
     """A speed in whole km/h, ``magnitude`` times a second, as on a vehicle's bus; rounded, or cut off below.
 
     For the oracle: half a km/h is added to what was cut off.
     """
 
     cut_off: bool = False
-
-    def planned(self, plan: Scenario) -> Scenario:
-        """See :class:`~trackfg.datasets.scenario.Effect`."""
-        return _finely_counted(plan)
 
     def recorded(self, recording: Recording, ride: Ride, rng: np.random.Generator) -> Recording:
         """See :class:`~trackfg.datasets.scenario.Effect`."""
@@ -55,12 +58,8 @@ class WholeKmh(Effect):
 
 
 @dataclass(frozen=True)
-class NoisySpeed(Effect):
+class NoisySpeed(_ShownSpeed):
     """A speed at 10 Hz with white noise of ``magnitude`` m/s, at rest too."""
-
-    def planned(self, plan: Scenario) -> Scenario:
-        """See :class:`~trackfg.datasets.scenario.Effect`."""
-        return _finely_counted(plan)
 
     def recorded(self, recording: Recording, ride: Ride, rng: np.random.Generator) -> Recording:
         """See :class:`~trackfg.datasets.scenario.Effect`."""
@@ -165,11 +164,6 @@ class CurveRolling(Effect):
         """See :class:`~trackfg.datasets.scenario.Effect`."""
         outward_m = 0.0 if self.for_oracle else self.magnitude
         return replace(plan, tach=replace(plan.tach, outward_offset_m=outward_m))
-
-
-def _finely_counted(plan: Scenario) -> Scenario:
-    """Return the scenario with :data:`_FINE` times as many pulses."""
-    return replace(plan, tach=replace(plan.tach, pulses_per_rev=_FINE * plan.tach.pulses_per_rev))
 
 
 def _tach(recording: Recording) -> tuple[pd.DataFrame, Tach]:
