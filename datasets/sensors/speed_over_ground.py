@@ -39,46 +39,32 @@ class SpeedModel:
     key: ClassVar[str] = "speed"
 
     def measured(self, ride: Ride, duration_s: float, rng: np.random.Generator | None) -> Measured:
-        """See :class:`~trackfg.datasets.sensors.further_sensor.FurtherSensor`."""
-        table, scale = speed_table(ride, self, duration_s, rng)
-        return Measured(table, speed_description(self), scale)
-
-
-def speed_table(
-    ride: Ride, model: SpeedModel, duration_s: float, rng: np.random.Generator | None
-) -> tuple[pd.DataFrame, float]:
-    """The canonical table until ``duration_s``, without rows where the sensor is silent; exact with no ``rng``. And the
-    sensor's scale along the track: true speed over measured speed.
-    """
-    t = tables.clock(duration_s, model.rate_hz)
-    scale, yaw, heard = 1.0, 0.0, np.ones(len(t), dtype=bool)
-    noise = np.zeros(len(t))
-    if rng is not None:
-        mounting_rng, noise_rng, dropout_rng = rng.spawn(3)
-        scale += model.scale_sd * float(mounting_rng.standard_normal())
-        yaw = float(np.radians(model.yaw_sd_deg) * mounting_rng.standard_normal())
-        noise = model.sd_mps * noise_rng.standard_normal(len(t))
-        for start, end in random_spans(model.dropouts_per_hour / 3600.0, model.dropout_s, duration_s, dropout_rng):
-            heard &= (t < start) | (t >= end)
-    body = np.einsum("nji,nj->ni", ride.rotation(t), ride.velocity(t))
-    body = body + np.cross(ride.body_rate(t), np.array(model.place_m))
-    seen = body @ np.array([np.cos(yaw), np.sin(yaw), 0.0])
-    measured = np.abs(seen / scale + noise)
-    heard &= measured >= model.lowest_mps
-    table = pd.DataFrame(dict(zip(SPEED_COLUMNS, (t[heard], measured[heard]), strict=True)))
-    return table, scale / float(np.cos(yaw))
-
-
-def speed_description(model: SpeedModel) -> Speed:
-    """What ``recording.toml`` says of the canonical table."""
-    time, speed = SPEED_COLUMNS
-    return Speed(
-        file="speed.parquet",
-        time=time,
-        column=speed,
-        sd_mps=model.sd_mps,
-        scale_sd=model.scale_sd,
-        yaw_sd_deg=model.yaw_sd_deg,
-        lowest_mps=model.lowest_mps,
-        lever_arm_m=model.place_m,
-    )
+        """Return the canonical table, without rows where the sensor is silent, and the scale along the track."""
+        t = tables.clock(duration_s, self.rate_hz)
+        scale, yaw, heard = 1.0, 0.0, np.ones(len(t), dtype=bool)
+        noise = np.zeros(len(t))
+        if rng is not None:
+            mounting_rng, noise_rng, dropout_rng = rng.spawn(3)
+            scale += self.scale_sd * float(mounting_rng.standard_normal())
+            yaw = float(np.radians(self.yaw_sd_deg) * mounting_rng.standard_normal())
+            noise = self.sd_mps * noise_rng.standard_normal(len(t))
+            for start, end in random_spans(self.dropouts_per_hour / 3600.0, self.dropout_s, duration_s, dropout_rng):
+                heard &= (t < start) | (t >= end)
+        body = np.einsum("nji,nj->ni", ride.rotation(t), ride.velocity(t))
+        body = body + np.cross(ride.body_rate(t), np.array(self.place_m))
+        seen = body @ np.array([np.cos(yaw), np.sin(yaw), 0.0])
+        measured = np.abs(seen / scale + noise)
+        heard &= measured >= self.lowest_mps
+        table = pd.DataFrame(dict(zip(SPEED_COLUMNS, (t[heard], measured[heard]), strict=True)))
+        time, speed = SPEED_COLUMNS
+        part = Speed(
+            file="speed.parquet",
+            time=time,
+            column=speed,
+            sd_mps=self.sd_mps,
+            scale_sd=self.scale_sd,
+            yaw_sd_deg=self.yaw_sd_deg,
+            lowest_mps=self.lowest_mps,
+            lever_arm_m=self.place_m,
+        )
+        return Measured(table, part, scale / float(np.cos(yaw)))
