@@ -17,11 +17,10 @@ from trackfg.datasets.sensors import imu_errors, inertial_sensor, lasers, odomet
 from trackfg.datasets.sensors.clocks import dropped, stamped
 from trackfg.datasets.sensors.further_sensor import Measured
 from trackfg.datasets.sensors.imu_errors import ImuErrors
-from trackfg.datasets.vehicle.adhesion import draw_slip
 from trackfg.datasets.vehicle.ride import Ride
 from trackfg.io.formats.registry import format_of
 from trackfg.numerics.arrays import Array
-from trackfg.recording.description import RecordingDescription, Tach
+from trackfg.recording.description import RecordingDescription
 from trackfg.recording.description import Track as TrackDescription
 from trackfg.recording.model import Recording
 
@@ -77,7 +76,8 @@ def measure(
     )
     if errors is not None:
         gyro, accel = imu_errors.apply_errors(gyro, accel, errors)
-    wheel = _wheel(plan, ride, duration_s, streams)
+    wheel_rngs = (None, None) if streams is None else (streams.run["tach"], streams.kept.get("tach"))
+    wheel = odometer.measured_wheel(ride, plan.tach, plan.adhesion, duration_s, *wheel_rngs)
     fixes, gnss = _positions(plan, ride, duration_s, streams)
     further = _further(plan, ride, duration_s, streams)
     laser_rng = None if streams is None else streams.run["lasers"]
@@ -118,28 +118,6 @@ def measure(
     if streams is not None:
         recording = _recorded(plan, recording, streams.run["recorders"])
     return Measurement(recording, errors, wheel.scale, wheel.slips, {name: one.scale for name, one in named.items()})
-
-
-@dataclass(frozen=True)
-class _Wheel:
-    table: pd.DataFrame
-    description: Tach
-    scale: float = 1.0
-    slips: pd.DataFrame | None = None
-
-
-def _wheel(plan: Scenario, ride: Ride, duration_s: float, streams: Streams | None) -> _Wheel:
-    if streams is None:
-        return _Wheel(odometer.ideal_table(ride, plan.tach, duration_s), odometer.ideal_description(plan.tach))
-    scale_rng, slip_rng, pulse_rng = streams.run["tach"].spawn(3)
-    scale = odometer.draw_scale(plan.tach, streams.kept.get("tach", scale_rng))
-    slip = None if plan.adhesion is None else draw_slip(ride, plan.adhesion, duration_s, slip_rng)
-    return _Wheel(
-        odometer.pulse_table(ride, plan.tach, scale, duration_s, pulse_rng, slip),
-        odometer.pulse_description(plan.tach),
-        scale,
-        None if slip is None else odometer.slip_table(ride, plan.tach, slip),
-    )
 
 
 def _positions(

@@ -7,10 +7,9 @@ from typing import ClassVar
 
 import numpy as np
 
-from trackfg.datasets.sensors import odometer
 from trackfg.datasets.sensors.further_sensor import Measured
-from trackfg.datasets.sensors.odometer import TachModel
-from trackfg.datasets.vehicle.adhesion import AdhesionModel, draw_slip
+from trackfg.datasets.sensors.odometer import TachModel, measured_wheel
+from trackfg.datasets.vehicle.adhesion import AdhesionModel
 from trackfg.datasets.vehicle.ride import Ride
 from trackfg.recording.description import FurtherTach
 
@@ -25,11 +24,5 @@ class FurtherAxle:
 
     def measured(self, ride: Ride, duration_s: float, rng: np.random.Generator | None) -> Measured:
         """See :class:`~trackfg.datasets.sensors.further_sensor.FurtherSensor`."""
-        if rng is None:
-            part = FurtherTach(**vars(odometer.ideal_description(self.tach)))
-            return Measured(odometer.ideal_table(ride, self.tach, duration_s), part, 1.0)
-        scale_rng, slip_rng, pulse_rng = rng.spawn(3)
-        scale = odometer.draw_scale(self.tach, scale_rng)
-        slip = None if self.adhesion is None else draw_slip(ride, self.adhesion, duration_s, slip_rng)
-        table = odometer.pulse_table(ride, self.tach, scale, duration_s, pulse_rng, slip)
-        return Measured(table, FurtherTach(**vars(odometer.pulse_description(self.tach))), scale)
+        wheel = measured_wheel(ride, self.tach, self.adhesion, duration_s, rng)
+        return Measured(wheel.table, FurtherTach(**vars(wheel.description)), wheel.scale)

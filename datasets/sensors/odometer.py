@@ -34,7 +34,7 @@ from scipy.interpolate import PPoly
 
 from trackfg.datasets import tables
 from trackfg.datasets.line.polynomials import restricted
-from trackfg.datasets.vehicle.adhesion import Slip
+from trackfg.datasets.vehicle.adhesion import AdhesionModel, Slip, draw_slip
 from trackfg.datasets.vehicle.ride import Ride
 from trackfg.numerics.arrays import Array
 from trackfg.recording.description import Tach
@@ -72,6 +72,36 @@ class TachModel:
     def quantum_m(self) -> float:
         """The nominal distance of one pulse."""
         return float(np.pi * self.wheel_diameter_m / self.pulses_per_rev)
+
+
+@dataclass(frozen=True)
+class MeasuredWheel:
+    """What a tachometer makes of a ride; ``slips`` as of :func:`slip_table`, None where no adhesion was simulated."""
+
+    table: pd.DataFrame
+    description: Tach
+    scale: float = 1.0
+    slips: pd.DataFrame | None = None
+
+
+def measured_wheel(
+    ride: Ride,
+    model: TachModel,
+    adhesion: AdhesionModel | None,
+    duration_s: float,
+    rng: np.random.Generator | None,
+    kept_rng: np.random.Generator | None = None,
+) -> MeasuredWheel:
+    """Return what is recorded until ``duration_s``, exact with no ``rng``; ``kept_rng`` is that of a kept scale."""
+    if rng is None:
+        return MeasuredWheel(ideal_table(ride, model, duration_s), ideal_description(model))
+    scale_rng, slip_rng, pulse_rng = rng.spawn(3)
+    scale = draw_scale(model, kept_rng or scale_rng)
+    slip = None if adhesion is None else draw_slip(ride, adhesion, duration_s, slip_rng)
+    table = pulse_table(ride, model, scale, duration_s, pulse_rng, slip)
+    return MeasuredWheel(
+        table, pulse_description(model), scale, None if slip is None else slip_table(ride, model, slip)
+    )
 
 
 def draw_scale(model: TachModel, rng: np.random.Generator) -> float:
