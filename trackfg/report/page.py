@@ -50,7 +50,6 @@ class Text:
 
     text: str
     tone: Literal["plain", "note", "good", "warning"] = "plain"
-    kind: str = "text"
 
 
 @dataclass(frozen=True)
@@ -67,7 +66,6 @@ class Tiles:
     """Figures side by side."""
 
     tiles: tuple[Tile, ...]
-    kind: str = "tiles"
 
 
 @dataclass(frozen=True)
@@ -75,7 +73,6 @@ class Facts:
     """Names and values under each other."""
 
     rows: tuple[tuple[str, str], ...]
-    kind: str = "facts"
 
 
 @dataclass(frozen=True)
@@ -98,7 +95,6 @@ class PageTable:
     rows: tuple[TableRow, ...]
     numbers: frozenset[int] = frozenset()
     caption: str = ""
-    kind: str = "table"
 
 
 def without_columns(table: PageTable, left_out: Container[int] = ()) -> PageTable:
@@ -121,7 +117,6 @@ class Drawing:
     chart: Chart
     title: str = ""
     note: str = ""
-    kind: str = "drawing"
 
 
 @dataclass(frozen=True)
@@ -155,7 +150,6 @@ class ColourBar:
     rows: tuple[BarRow, ...]
     places: tuple[str, ...]
     alternative: str
-    kind: str = "bar"
 
     @property
     def extent(self) -> tuple[float, float]:
@@ -176,7 +170,6 @@ class Fold:
 
     summary: str
     blocks: tuple[Block, ...]
-    kind: str = "fold"
 
 
 @dataclass(frozen=True)
@@ -184,7 +177,6 @@ class Code:
     """Text as it is, to be copied."""
 
     text: str
-    kind: str = "code"
 
 
 @dataclass(frozen=True)
@@ -205,8 +197,6 @@ class Form:
     """Fields whose values are asked for in the address of the same page; only in a page with an ``origin``."""
 
     fields: tuple[FormField, ...]
-    button: str
-    kind: str = "form"
 
 
 @dataclass(frozen=True)
@@ -217,7 +207,6 @@ class Latest:
 
     address: str
     text: str
-    kind: str = "latest"
 
 
 @dataclass(frozen=True)
@@ -225,7 +214,6 @@ class Columns:
     """Short tables in as many columns as there is room for."""
 
     blocks: tuple[PageTable, ...]
-    kind: str = "columns"
 
 
 @dataclass(frozen=True)
@@ -233,7 +221,6 @@ class Signature:
     """Lines to be filled in by hand, which only paper has."""
 
     lines: tuple[str, ...]
-    kind: str = "signature"
 
 
 Block = Text | Tiles | Facts | PageTable | Drawing | ColourBar | Fold | Code | Form | Latest | Columns | Signature

@@ -44,7 +44,7 @@ def store_page(content: StoreContent, query: Mapping[str, str]) -> Page:
     summary: tuple[Block, ...] = (
         _tiles(content.runs),
         Latest(progress_address(content.seen), content.progress),
-        Form((colour, *choice.form(content.runs, len(chosen))), "show"),
+        Form((colour, *choice.form(content.runs, len(chosen)))),
     )
     lines = {name: table for name, table in content.lines.items() if choice.line in ("", name)}
     sections = (
