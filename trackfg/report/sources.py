@@ -31,14 +31,6 @@ _SUFFIX = ".html"
 
 
 @dataclass(frozen=True)
-class _Source:
-    """A kind of folder, and the page of one: from folder, the command that makes the page, and what else is wanted."""
-
-    folder: FolderKind
-    page: Callable[[Path, str, _Wanted], Page]
-
-
-@dataclass(frozen=True)
 class _Wanted:
     """What a page is to show besides the folder: truth of a recording, limits, official places, a background."""
 
@@ -113,9 +105,9 @@ def write_report(
         raise BadInputError(f"{path}: expected a file that ends in {_SUFFIX}")
     if path.is_dir():
         raise BadInputError(f"{path}: is a folder; expected a file")
-    source = _source_of(folder)
+    kind = _kind_of(folder)
     if real_path(path).parent == real_path(folder):
-        what = source.folder.what
+        what = kind.what
         raise BadInputError(f"{path}: lies in the {what}, which holds nothing but its own files: choose another place")
     given = [] if recording is None else ["--recording", os.fspath(recording)]
     given += [] if limits is None else limits.options()
@@ -124,7 +116,7 @@ def write_report(
     command = shlex.join(["trackfg", "report", os.fspath(folder), "-o", os.fspath(path), *given])
     behind = None if background is None else Path(background)
     wanted = _Wanted(None if recording is None else Path(recording), limits, km, behind)
-    return source.page(folder, command, wanted).write(path)
+    return _PAGES[kind](folder, command, wanted).write(path)
 
 
 def page_of(folder: Path, command: str) -> Page:
@@ -132,14 +124,14 @@ def page_of(folder: Path, command: str) -> Page:
 
     Raises :class:`BadInputError` for a folder that trackfg did not write.
     """
-    return _source_of(folder).page(folder, command, _Wanted())
+    return _PAGES[_kind_of(folder)](folder, command, _Wanted())
 
 
-def _source_of(folder: Path) -> _Source:
-    for source in _SOURCES:
-        if source.folder.holds(folder):
-            return source
-    kinds = " or ".join(f"a {source.folder.what} ({source.folder.head})" for source in _SOURCES)
+def _kind_of(folder: Path) -> FolderKind:
+    for kind in _PAGES:
+        if kind.holds(folder):
+            return kind
+    kinds = " or ".join(f"a {kind.what} ({kind.head})" for kind in _PAGES)
     is_a = "is a recording; " if kind_of(folder) == "recording" else ""
     raise BadInputError(f"{folder}: {is_a}expected a folder that trackfg wrote: {kinds}")
 
@@ -168,8 +160,9 @@ def _of_trends(folder: Path, command: str, wanted: _Wanted) -> Page:
     return trend_page(Trends.read(folder), real_path(folder).name, command)
 
 
-_SOURCES = (
-    _Source(RESULT_FOLDER, _of_result),
-    _Source(COMPARISON_FOLDER, _of_comparison),
-    _Source(TRENDS_FOLDER, _of_trends),
-)
+_PAGES: dict[FolderKind, Callable[[Path, str, _Wanted], Page]] = {
+    RESULT_FOLDER: _of_result,
+    COMPARISON_FOLDER: _of_comparison,
+    TRENDS_FOLDER: _of_trends,
+}
+"""The page of each kind of folder: from folder, the command that makes the page, and what else is wanted."""
