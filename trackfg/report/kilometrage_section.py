@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from trackfg.numerics.kilometrage import Jump, Kilometrage
+from trackfg.numerics.kilometrage import Jump
 from trackfg.numerics.km_notation import written_places
 from trackfg.report.page import Block, Facts, PageSection, PageTable, TableRow, Text
 from trackfg.results.result import Result
@@ -33,8 +33,10 @@ def kilometrage_sections(result: Result, line: LineKilometrage | None) -> Iterat
     )
     blocks: list[Block] = [Facts(tuple((name, text) for name, text in facts if text))]
     if jumps:
+        sides = [written_places(np.array([jump.back_m, jump.ahead_m]), kilometrage.notation) for jump in jumps]
         rows = tuple(
-            TableRow((f"{jump.chainage_m:.2f}", *_sides(kilometrage, jump), jump_text(jump))) for jump in jumps
+            TableRow((f"{jump.chainage_m:.2f}", *both, jump_text(jump)))
+            for jump, both in zip(jumps, sides, strict=True)
         )
         headings = ("chainage, m", "km before", "km after", "what")
         blocks.append(PageTable(headings, rows, numbers=frozenset((0, 1, 2)), caption="Jumps of the kilometrage"))
@@ -52,7 +54,3 @@ def jump_text(jump: Jump) -> str:
         case "overlap":
             return f"{length:.2f} m are there twice"
     return "kilometrage turns back" if length < 1e-3 else f"kilometrage turns, {length:.2f} m away"
-
-
-def _sides(kilometrage: Kilometrage, jump: Jump) -> list[str]:
-    return written_places(np.array([jump.back_m, jump.ahead_m]), kilometrage.notation)

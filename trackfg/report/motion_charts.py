@@ -15,7 +15,7 @@ from trackfg.plots.decimation import extremes
 from trackfg.plots.scales import extent, with_margin
 from trackfg.plots.sheet import AMBER, BLUE, GREY, ORANGE, RED
 from trackfg.report.charts import TRUTH_COLOUR, ChartLine, ChartPanel, Figure, Span, Strips, listed, plain, whole_range
-from trackfg.report.columns import Column, packed, packed_sigma, packed_value
+from trackfg.report.columns import packed, packed_sigma, packed_value
 from trackfg.report.geometry_charts import error_range
 from trackfg.results.result import Result
 
@@ -62,17 +62,14 @@ def motion_strips(result: Result) -> Strips:
         line = ChartLine(label, BLUE, x, packed_value(values, sigmas), packed_sigma(sigmas))
         panels.append(ChartPanel(label, unit, (line,), with_margin(*extent(values, sigmas, 0.0, least)), base=0.0))
     yaw = _DEGREE * np.unwrap(table["yaw_rad"].to_numpy())
-    panels.append(ChartPanel("yaw\nunwrapped", "deg", (_plain_line("yaw", x, yaw, BLUE),), _whole(yaw)))
-    along = table["chainage_m_sd"].to_numpy()
+    panels.append(ChartPanel("yaw\nunwrapped", "deg", (ChartLine("yaw", BLUE, x, packed_value(yaw)),), _whole(yaw)))
     across = np.hypot(table["east_m_sd"].to_numpy(), table["north_m_sd"].to_numpy())
-    panels.append(
-        ChartPanel("chainage\n1 sigma", "m", (_plain_line("chainage", x, along, ORANGE),), _whole(along, 0.0))
-    )
-    panels.append(
-        ChartPanel(
-            "horizontal position\n1 sigma", "m", (_plain_line("position", x, across, ORANGE),), _whole(across, 0.0)
-        )
-    )
+    for label, name, sigmas in (
+        ("chainage", "chainage", table["chainage_m_sd"].to_numpy()),
+        ("horizontal position", "position", across),
+    ):
+        line = ChartLine(name, ORANGE, x, packed_value(sigmas))
+        panels.append(ChartPanel(f"{label}\n1 sigma", "m", (line,), _whole(sigmas, 0.0)))
     return Strips("time, s", "s", whole_range(t), tuple(panels), spans=_spans(result.events))
 
 
@@ -234,10 +231,6 @@ def _path_in_words(table: pd.DataFrame) -> str:
         f"Map of the path: {ends} wide, from ({east[0]:.0f}, {north[0]:.0f}) to ({east[-1]:.0f}, {north[-1]:.0f}) m "
         "east and north, with chainages along it and the events."
     )
-
-
-def _plain_line(name: str, x: Column, values: Array, colour: str) -> ChartLine:
-    return ChartLine(name, colour, x, packed_value(values))
 
 
 def _whole(values: Array, least: float = np.inf) -> tuple[float, float]:

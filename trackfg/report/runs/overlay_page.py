@@ -87,15 +87,12 @@ def runs_chart(
                 values = channel.scale * table[channel.column].to_numpy(dtype=np.float64)
                 lines.append(ChartLine(name, colour, x, packed_value(values), wide=first_wide and not lines))
                 if channel.twin is None or channel.twin in table:
-                    extents.append(channel_extent(table, channel, 0.0 if channel.deviation else _middle(values)))
+                    base = 0.0 if channel.deviation else float(np.nanmedian(values))
+                    extents.append(channel_extent(table, channel, base))
         low, high = with_margin(min(low for low, _ in extents), max(high for _, high in extents))
         panels.append(ChartPanel(channel.label, channel.unit, tuple(lines), (low, high), share=channel.share))
     shown = scale * x_range[0], scale * x_range[1]
     return Strips(f"chainage, {unit}", unit, shown, tuple(panels), legend=True)
-
-
-def _middle(values: np.ndarray) -> float:
-    return float(np.nanmedian(values))
 
 
 def _shift_section(overlay: RunOverlay, unit: str, scale: float, x_range: tuple[float, float]) -> PageSection:
