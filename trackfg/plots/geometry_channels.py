@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -10,7 +10,7 @@ import pandas as pd
 
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.units import KMH
-from trackfg.plots.scales import extent
+from trackfg.plots.scales import extent, symmetric, with_limits, with_margin
 from trackfg.results.columns import RAIL_COLUMNS
 from trackfg.results.summary import GeometryConventions
 
@@ -86,3 +86,16 @@ def channel_extent(table: pd.DataFrame, channel: GeometryChannel, base: float) -
         other = extent(*channel_values(table, replace(channel, column=channel.twin)), base, channel.least)
         low, high = min(low, other[0]), max(high, other[1])
     return low, high
+
+
+def channel_range(
+    table: pd.DataFrame, channel: GeometryChannel, base: float, limits: Iterable[Array]
+) -> tuple[float, float]:
+    """Return the axis of a panel: its extent, limits of the column that are near, ``base`` in the middle of deviations,
+    and a margin.
+    """
+    low, high = channel_extent(table, channel, base)
+    low, high = with_limits(low, high, base, channel.scale * np.concatenate([[], *limits]))
+    if channel.deviation:
+        low, high = symmetric(low, high, base)
+    return with_margin(low, high)

@@ -29,10 +29,11 @@ from trackfg.plots.geometry_channels import (
     base_of,
     centre_or_rails,
     channel_extent,
+    channel_range,
     channel_values,
     measured_channels,
 )
-from trackfg.plots.scales import common_zero, symmetric, with_limits, with_margin
+from trackfg.plots.scales import common_zero, with_margin
 from trackfg.plots.sheet import BAND, BLUE, ORANGE, Panel, Sheet, SheetCurve, SheetLimit
 from trackfg.results.official_places import shown_kilometrage
 from trackfg.results.result import Result
@@ -192,19 +193,10 @@ class _Chart:
             if line.column == channel.column
         )
         base = base_of(channel, self.conventions)
-        low, high = channel_extent(self.table, channel, base)
         same_scale = [line.value for line in self.limits if line.column in (channel.column, channel.twin)]
-        low, high = with_limits(low, high, base, channel.scale * np.concatenate([[], *same_scale]))
-        if channel.deviation:
-            low, high = symmetric(low, high, base)
-        return Panel(
-            f"{channel.label}, {channel.unit}",
-            (curve,),
-            y_range=with_margin(low, high),
-            base=base,
-            limits=limits,
-            share=channel.share,
-        )
+        y_range = channel_range(self.table, channel, base, same_scale)
+        label = f"{channel.label}, {channel.unit}"
+        return Panel(label, (curve,), y_range=y_range, base=base, limits=limits, share=channel.share)
 
     def foot(self) -> Panel:
         """Return the panel of curvature, and over it the cross-level upside down: where cant fits the curve the two

@@ -15,11 +15,11 @@ from trackfg.plots.geometry_channels import (
     GeometryChannel,
     base_of,
     centre_or_rails,
-    channel_extent,
+    channel_range,
     channel_values,
     measured_channels,
 )
-from trackfg.plots.scales import symmetric, with_limits, with_margin
+from trackfg.plots.scales import with_margin
 from trackfg.plots.sheet import BAND, BLUE
 from trackfg.plots.strip_chart import LimitLine
 from trackfg.report.charts import (
@@ -32,7 +32,7 @@ from trackfg.report.charts import (
     Strips,
     whole_range,
 )
-from trackfg.report.columns import Column, ColumnDifference, packed, packed_sigma, packed_value
+from trackfg.report.columns import ColumnDifference, packed, packed_sigma, packed_value
 from trackfg.report.exceedances import exceedance_spans
 from trackfg.results.result import Result
 from trackfg.results.summary import GeometryConventions
@@ -88,7 +88,9 @@ def geometry_strips(
             error = channel.scale * errors[channel.column].to_numpy()
             packed_error = packed_value(error, sigmas)
             lines.append(ChartLine("truth", TRUTH_COLOUR, x, ColumnDifference(y, packed_error), wide=True))
-            error_panels.append(_error_panel(channel, x, error, packed_error, sigmas, sigma))
+            line = ChartLine("error", BLUE, x, packed_error, sigma, band_about_zero=True)
+            y_range = error_range(error, sigmas)
+            error_panels.append(ChartPanel(channel.label, channel.unit, (line,), y_range, base=0.0, share=0.8))
         own = tuple(line for line in limits if line.column == channel.column)
         panels.append(_panel(channel, table, result.summary.geometry, tuple(lines), own, scale))
         columns.append(channel.column)
@@ -119,21 +121,10 @@ def _panel(
     scale: float,
 ) -> ChartPanel:
     base = base_of(channel, conventions)
-    low, high = channel_extent(table, channel, base)
-    low, high = with_limits(low, high, base, channel.scale * np.concatenate([[], *(line.value for line in limits)]))
-    if channel.deviation:
-        low, high = symmetric(low, high, base)
-    low, high = with_margin(low, high)
+    y_range = channel_range(table, channel, base, (line.value for line in limits))
     share = 1.3 if channel is CURVATURE else channel.share
     drawn = tuple(ChartLimit(line.label, scale * line.chainage_m, channel.scale * line.value) for line in limits)
-    return ChartPanel(channel.label, channel.unit, lines, (low, high), base, share=share, limits=drawn)
-
-
-def _error_panel(
-    channel: GeometryChannel, x: Column, error: Array, y: Column, sigmas: Array, sigma: Column | None
-) -> ChartPanel:
-    line = ChartLine("error", BLUE, x, y, sigma, band_about_zero=True)
-    return ChartPanel(channel.label, channel.unit, (line,), error_range(error, sigmas), base=0.0, share=0.8)
+    return ChartPanel(channel.label, channel.unit, lines, y_range, base, share=share, limits=drawn)
 
 
 def error_range(error: Array, sigmas: Array) -> tuple[float, float]:
