@@ -26,17 +26,15 @@ def quantity_text(quantity: str) -> str:
 
 def case_table(about: About) -> PageTable:
     """Return the table of what was compared, and on how many runs."""
-    rows = tuple(
-        TableRow(
-            (
-                case.name,
-                case.summary,
-                _BASIS[case.basis],
-                str(len(case.seeds)),
-                ", ".join(str(seed) for seed in case.seeds),
-                f"{case.distance_km:.2f}",
-                duration(case.duration_s),
-            )
+    rows = TableRow.plain(
+        (
+            case.name,
+            case.summary,
+            _BASIS[case.basis],
+            str(len(case.seeds)),
+            ", ".join(str(seed) for seed in case.seeds),
+            f"{case.distance_km:.2f}",
+            duration(case.duration_s),
         )
         for case in about.cases
     )
@@ -204,8 +202,8 @@ def difference_table(about: About) -> PageTable:
     kms = sorted({one.from_km for one in about.differences})
     cells = {(one.quantity, one.estimator, one.from_km): one.rms for one in about.differences}
     pairs = dict.fromkeys((quantity, name) for quantity in QUANTITIES for q, name, _ in cells if q == quantity)
-    rows = tuple(
-        TableRow((quantity_text(quantity), name, *(digits(cells.get((quantity, name, km))) for km in kms)))
+    rows = TableRow.plain(
+        (quantity_text(quantity), name, *(digits(cells.get((quantity, name, km))) for km in kms))
         for quantity, name in pairs
     )
     headings = ("quantity", "estimator", *(f"km {km:g}" for km in kms))
@@ -214,7 +212,7 @@ def difference_table(about: About) -> PageTable:
 
 def left_out_table(about: About) -> PageTable:
     """Return the table of what could not be used, and why."""
-    rows = tuple(TableRow((one.case, one.estimator, one.reason)) for one in about.left_out)
+    rows = TableRow.plain((one.case, one.estimator, one.reason) for one in about.left_out)
     return PageTable(("case", "estimator", "why"), rows)
 
 

@@ -133,8 +133,8 @@ def band_table(errors: pd.DataFrame, columns: Iterable[str]) -> PageTable:
     values = wide[shown].to_numpy() * [named(name).scale for name in shown]
     return PageTable(
         ("speed, km/h", *(f"{named(name).name}, {named(name).unit}" for name in shown)),
-        tuple(
-            TableRow((f"{band:.0f} – {band + _BAND_KMH:.0f}", *(digits(value) for value in row)))
+        TableRow.plain(
+            (f"{band:.0f} – {band + _BAND_KMH:.0f}", *map(digits, row))
             for band, row in zip(wide.index, values, strict=True)
         ),
         numbers=frozenset(range(1, 1 + len(shown))),
@@ -144,12 +144,10 @@ def band_table(errors: pd.DataFrame, columns: Iterable[str]) -> PageTable:
 
 def coverage_table(errors: pd.DataFrame) -> PageTable:
     """Return how often an error is within so many sigmas, beside what a normal distribution has there."""
-    rows = [
-        TableRow(
-            (named(name).name, *(percent(float(np.mean(np.abs(ratio) <= within))) for within in _WITHIN)),
-        )
+    rows = TableRow.plain(
+        (named(name).name, *(percent(float(np.mean(np.abs(ratio) <= within))) for within in _WITHIN))
         for name, ratio in _normalised(errors)
-    ]
+    )
     expected = (percent(float(2.0 * ndtr(within) - 1.0)) for within in _WITHIN)
     return PageTable(
         ("quantity", *(f"within {within:g} sigma" for within in _WITHIN)),

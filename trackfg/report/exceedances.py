@@ -75,26 +75,23 @@ def exceedance_section(judgement: Judgement, result: Result) -> PageSection:
         )
         blocks.append(Text(note, "note"))
     if judgement.not_judged:
-        rows = tuple(
-            TableRow((quantity, levels, reason)) for (quantity, reason), levels in judgement.not_judged_levels().items()
-        )
+        not_judged = judgement.not_judged_levels().items()
+        rows = TableRow.plain((quantity, levels, reason) for (quantity, reason), levels in not_judged)
         blocks.append(Fold("Limits that were not judged", (PageTable(("limit", "class", "why"), rows),)))
     return PageSection("limits", "Exceedances of limits: where to send the gang", tuple(blocks), "Exceedances")
 
 
 def _kilometres(found: pd.DataFrame) -> PageTable:
     """Return how many exceedances each kilometre has, by level, and the worst of them."""
-    rows = tuple(
-        TableRow(
-            (
-                one.km,
-                str(one.count),
-                one.counts_text,
-                f"{one.length_m:.1f}",
-                quantity_text(one.worst),
-                place_text(one.worst),
-                f"{100.0 * one.share:.0f}",
-            )
+    rows = TableRow.plain(
+        (
+            one.km,
+            str(one.count),
+            one.counts_text,
+            f"{one.length_m:.1f}",
+            quantity_text(one.worst),
+            place_text(one.worst),
+            f"{100.0 * one.share:.0f}",
         )
         for one in by_kilometre(found)
     )
@@ -104,20 +101,18 @@ def _kilometres(found: pd.DataFrame) -> PageTable:
 
 def _table(found: pd.DataFrame, result: Result) -> PageTable:
     chainage, speed = (result.geometry[name].to_numpy() for name in ("chainage_m", "speed_mps"))
-    rows = tuple(
-        TableRow(
-            (
-                place_text(row),
-                quantity_text(row),
-                _value(row["value_mm"], row["value_mm_sd"]),
-                f"{row['limit_mm']:.2f}",
-                f"{100.0 * abs(row['value_mm']) / row['limit_mm']:.0f}",
-                f"{row['length_m']:.2f}",
-                f"{row['level']} ({row['standard']})",
-                f"{float(np.interp(row['chainage_m'], chainage, speed)) / KMH:.1f}",
-                f"{row['from_m']:.2f}",
-                f"{row['to_m']:.2f}",
-            )
+    rows = TableRow.plain(
+        (
+            place_text(row),
+            quantity_text(row),
+            _value(row["value_mm"], row["value_mm_sd"]),
+            f"{row['limit_mm']:.2f}",
+            f"{100.0 * abs(row['value_mm']) / row['limit_mm']:.0f}",
+            f"{row['length_m']:.2f}",
+            f"{row['level']} ({row['standard']})",
+            f"{float(np.interp(row['chainage_m'], chainage, speed)) / KMH:.1f}",
+            f"{row['from_m']:.2f}",
+            f"{row['to_m']:.2f}",
         )
         for row in found.to_dict("records")
     )

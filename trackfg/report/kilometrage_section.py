@@ -34,9 +34,8 @@ def kilometrage_sections(result: Result, line: LineKilometrage | None) -> Iterat
     blocks: list[Block] = [Facts(tuple((name, text) for name, text in facts if text))]
     if jumps:
         sides = [written_places(np.array([jump.back_m, jump.ahead_m]), kilometrage.notation) for jump in jumps]
-        rows = tuple(
-            TableRow((f"{jump.chainage_m:.2f}", *both, jump_text(jump)))
-            for jump, both in zip(jumps, sides, strict=True)
+        rows = TableRow.plain(
+            (f"{jump.chainage_m:.2f}", *both, jump_text(jump)) for jump, both in zip(jumps, sides, strict=True)
         )
         headings = ("chainage, m", "km before", "km after", "what")
         blocks.append(PageTable(headings, rows, numbers=frozenset((0, 1, 2)), caption="Jumps of the kilometrage"))

@@ -11,7 +11,7 @@ import base64
 import hashlib
 import json
 import zlib
-from collections.abc import Container, Iterator
+from collections.abc import Container, Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
@@ -85,6 +85,11 @@ class TableRow:
     cells: tuple[str, ...]
     mark: Literal["", "own", "bad", "group", "warning", "error"] = ""
     link: str = ""
+
+    @classmethod
+    def plain(cls, rows: Iterable[Iterable[str]]) -> tuple[TableRow, ...]:
+        """Return rows of cells, none of which stands out."""
+        return tuple(cls(tuple(cells)) for cells in rows)
 
 
 @dataclass(frozen=True)

@@ -159,17 +159,15 @@ def _events(result: Result, kilometrage: Kilometrage | None) -> PageSection:
     if events.empty:
         return PageSection("events", "Events", (Text("None."),))
     counts = ", ".join(f"{kind}: {number}" for kind, number in events["kind"].value_counts().items())
-    rows = tuple(
-        TableRow(
-            (
-                event["kind"],
-                f"{event['start_s']:.1f}",
-                f"{event['end_s'] - event['start_s']:.1f}" if event["end_s"] > event["start_s"] else NONE,
-                *([event[KM_COLUMN]] if KM_COLUMN in event else []),
-                with_sd(event["chainage_m"], max(event["chainage_m_sd"], _FINEST_M), ""),
-                with_sd(event["distance_removed_m"], event["distance_removed_m_sd"], ""),
-                event["detail"],
-            )
+    rows = TableRow.plain(
+        (
+            event["kind"],
+            f"{event['start_s']:.1f}",
+            f"{event['end_s'] - event['start_s']:.1f}" if event["end_s"] > event["start_s"] else NONE,
+            *([event[KM_COLUMN]] if KM_COLUMN in event else []),
+            with_sd(event["chainage_m"], max(event["chainage_m_sd"], _FINEST_M), ""),
+            with_sd(event["distance_removed_m"], event["distance_removed_m_sd"], ""),
+            event["detail"],
         )
         for event in events.to_dict("records")
     )

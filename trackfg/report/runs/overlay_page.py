@@ -111,20 +111,18 @@ def _shift_section(overlay: RunOverlay, unit: str, scale: float, x_range: tuple[
 
 
 def _shift_table(shifts: pd.DataFrame) -> PageTable:
-    rows = (
-        TableRow(
-            (
-                str(row["run"]),
-                f"{row['from_m']:.1f}",
-                f"{row['to_m']:.1f}",
-                f"{row['shift_m']:.3f}",
-                f"{row['shift_m_sd']:.3f}",
-            )
+    rows = TableRow.plain(
+        (
+            str(row["run"]),
+            f"{row['from_m']:.1f}",
+            f"{row['to_m']:.1f}",
+            f"{row['shift_m']:.3f}",
+            f"{row['shift_m_sd']:.3f}",
         )
         for row in shifts.to_dict("records")
     )
     headings = ("run", "from, m", "to, m", "shift, m", "1 sigma, m")
-    return PageTable(headings, tuple(rows), numbers=frozenset(range(1, 5)))
+    return PageTable(headings, rows, numbers=frozenset(range(1, 5)))
 
 
 def _repeatability_section(table: pd.DataFrame) -> PageSection:
@@ -133,7 +131,7 @@ def _repeatability_section(table: pd.DataFrame) -> PageSection:
         "stands in the last column, as its mean over the sections."
     )
     headings = ("run", "channel", "unit", "sections", "median", "95 % below", "greatest", "mean difference")
-    rows = tuple(TableRow(tuple(_cells(row))) for row in table.to_dict("records"))
+    rows = TableRow.plain(map(_cells, table.to_dict("records")))
     page_table = PageTable(headings, rows, numbers=frozenset(range(3, 8)))
     return PageSection("repeatability", "Repeatability", (Text(note, "note"), page_table))
 

@@ -80,16 +80,14 @@ def _reached(found: Trends) -> tuple[Block, ...]:
         return (Text("No trend is held against a limit, or none was given."),)
     order = found.reached["reached_on"].replace("", "9999").sort_values(kind="stable").index
     rate = f"rate_mm_per_{found.per}"
-    rows = tuple(
-        TableRow(
-            (
-                *_place(row),
-                str(row["limit"]),
-                digits(row["limit_mm"]),
-                digits(row["value_mm"]),
-                digits(row[rate]),
-                *(row[name] or NONE for name in ("reached_on", "earliest", "latest")),
-            )
+    rows = TableRow.plain(
+        (
+            *_place(row),
+            str(row["limit"]),
+            digits(row["limit_mm"]),
+            digits(row["value_mm"]),
+            digits(row[rate]),
+            *(row[name] or NONE for name in ("reached_on", "earliest", "latest")),
         )
         for row in found.reached.loc[order].to_dict("records")
     )
@@ -102,15 +100,13 @@ def _trends(found: Trends, strongest: pd.DataFrame) -> tuple[Block, ...]:
     if strongest.empty:
         return (Text("No trend: the track does not change by more than noise.", "good"),)
     rate = f"rate_mm_per_{found.per}"
-    rows = tuple(
-        TableRow(
-            (
-                *_place(row),
-                with_sd(row[rate], row[f"{rate}{_SD}"], ""),
-                with_sd(row["value_mm"], row["value_mm_sd"], ""),
-                str(row["runs"]),
-                row["last_step"] or NONE,
-            )
+    rows = TableRow.plain(
+        (
+            *_place(row),
+            with_sd(row[rate], row[f"{rate}{_SD}"], ""),
+            with_sd(row["value_mm"], row["value_mm_sd"], ""),
+            str(row["runs"]),
+            row["last_step"] or NONE,
         )
         for row in strongest.to_dict("records")
     )
@@ -121,10 +117,8 @@ def _trends(found: Trends, strongest: pd.DataFrame) -> tuple[Block, ...]:
 def _steps(steps: pd.DataFrame) -> tuple[Block, ...]:
     if steps.empty:
         return (Text("No step."),)
-    rows = tuple(
-        TableRow(
-            (*_place(row), row["date"], with_sd(row["step_mm"], row["step_mm_sd"], ""), str(row["runs_after"])),
-        )
+    rows = TableRow.plain(
+        (*_place(row), row["date"], with_sd(row["step_mm"], row["step_mm_sd"], ""), str(row["runs_after"]))
         for row in steps.to_dict("records")
     )
     headings = (*_PLACE, "first run after it", "step, mm", "runs since")
@@ -172,10 +166,8 @@ def _rates(found: Trends) -> tuple[Block, ...]:
 def _sections(found: Trends) -> tuple[Block, ...]:
     quantities = [str(name).removesuffix("_runs") for name in found.sections if str(name).endswith("_runs")]
     columns = [column for name in quantities for column in (name, f"{name}_per_{found.per}")]
-    rows = tuple(
-        TableRow(
-            (f"{1e-3 * row['chainage_m']:.3f}", *(with_sd(row[name], row[f"{name}{_SD}"], "") for name in columns)),
-        )
+    rows = TableRow.plain(
+        (f"{1e-3 * row['chainage_m']:.3f}", *(with_sd(row[name], row[f"{name}{_SD}"], "") for name in columns))
         for row in found.sections.dropna(subset=quantities, how="all").to_dict("records")
     )
     words = [text for name in quantities for text in (f"SD of {named(name).name}, mm", f"growth, {found.unit}")]
