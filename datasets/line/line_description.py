@@ -13,6 +13,7 @@ from typing import Annotated, Literal
 
 import numpy as np
 from pydantic import Field, ValidationError, model_validator
+from pydantic_core import ErrorDetails
 
 from trackfg.datasets.line.alignment import LONGEST_M, SMALLEST_RADIUS_M, Element, Law, piecewise, ramp_law
 from trackfg.datasets.line.line import GivenLine, Line
@@ -131,7 +132,7 @@ def read_line(path: Path | str) -> GivenLine:
     try:
         description = LineDescription.model_validate(read_toml(path))
     except ValidationError as error:
-        raise BadInputError(f"{path}: " + "; ".join(_sentence(dict(detail)) for detail in error.errors())) from error
+        raise BadInputError(f"{path}: " + "; ".join(_sentence(detail) for detail in error.errors())) from error
     try:
         return line_from(description)
     except ValueError as error:
@@ -278,17 +279,17 @@ def _places(what: str, chainages: list[float], origin: float, length: float) -> 
     return places
 
 
-def _sentence(detail: dict[str, object]) -> str:
+def _sentence(detail: ErrorDetails) -> str:
     """Return what pydantic found, as ``element 3, radius_m: ...``."""
     words: list[str] = []
-    location = [step for step in _steps(detail["loc"]) if step not in ("straight", "curve", "transition")]
+    location = [step for step in detail["loc"] if step not in ("straight", "curve", "transition")]
     for step in location:
         if isinstance(step, int) and words:
             words[-1] += f" {step + 1}"
         else:
             words.append(str(step))
     kind, given = detail["type"], detail.get("input")
-    message = str(detail["msg"]).removeprefix("Value error, ").replace("Input should be", "expected")
+    message = detail["msg"].removeprefix("Value error, ").replace("Input should be", "expected")
     if kind == "extra_forbidden":
         message = "unknown key: remove it or correct it"
     elif kind == "missing":
@@ -298,7 +299,3 @@ def _sentence(detail: dict[str, object]) -> str:
     elif not isinstance(given, dict | list | tuple):
         message = f"is {given!r}: {message[:1].lower()}{message[1:]}"
     return ", ".join(words) + f": {message}"
-
-
-def _steps(location: object) -> tuple[object, ...]:
-    return location if isinstance(location, tuple) else ()
