@@ -79,17 +79,15 @@ def read_landxml(
     remarks += cant.remarks
     pieces = _read_profile(node, units, station, length, remarks)
     plan = PlanAlignment(piecewise(geometry.elements), cant.over_plan(), pieces, length)
-    kilometrage = read_kilometrage(node, units, plan, station, inframodel=is_inframodel(root))
-    remarks += kilometrage.remarks
+    kilometrage, of_stations = read_kilometrage(node, units, plan, station, inframodel=is_inframodel(root))
+    remarks += of_stations
     base = cross_level_base_m or cant.gauge_m or _DEFAULT_BASE_M
     highest = max(max(abs(element.start), abs(element.end)) for element in cant.elements)
     if highest >= 0.5 * base:
         raise node.error(f"a cant of {1e3 * highest:g} mm over {base:g} m: expected it in millimetres or inches")
     line = plan.line(cross_level_base_m=base, start_yaw_rad=geometry.start_yaw_rad, speed_limit_mps=speed_limit_mps)
     start = np.array([geometry.start_m[1], geometry.start_m[0], pieces[0].height_m])
-    return LandXmlLine(
-        node.text("name") or "", line, plan, station, start, cant.gauge_m, tuple(remarks), kilometrage.line
-    )
+    return LandXmlLine(node.text("name") or "", line, plan, station, start, cant.gauge_m, tuple(remarks), kilometrage)
 
 
 def read_plans(path: Path | str, *, name: str | None = None, step_m: float) -> tuple[dict[str, Array], str | None]:

@@ -11,7 +11,6 @@ the one to one of the other; vertical curves are cut into pieces so short that t
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -28,18 +27,11 @@ _LEVEL = 1e-9
 """A scale that differs from 1 by less makes 1 mm in 1000 km."""
 
 
-@dataclass(frozen=True)
-class LandXmlKilometrage:
-    """The kilometrage of an alignment, and what a person should know about it."""
-
-    line: LineKilometrage
-    remarks: tuple[str, ...]
-
-
 def read_kilometrage(
     alignment: Node, units: Units, plan: PlanAlignment, station_start_m: float, *, inframodel: bool
-) -> LandXmlKilometrage:
-    """Return the kilometrage of an ``Alignment`` over chainage, which is ``station_start_m`` plus the length in space.
+) -> tuple[LineKilometrage, list[str]]:
+    """Return the kilometrage of an ``Alignment`` over chainage, which is ``station_start_m`` plus the length in space,
+    and remarks.
 
     Raises :class:`trackfg.errors.BadInputError`.
     """
@@ -73,7 +65,7 @@ def read_kilometrage(
         post=posts,
         scale=_scales(plan, station_start_m),
     )
-    return LandXmlKilometrage(line, tuple(remarks))
+    return line, remarks
 
 
 def _equations(
