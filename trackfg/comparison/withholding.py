@@ -9,13 +9,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Literal, get_args
 
 import numpy as np
 import pandas as pd
 
 from trackfg.baselines.result import BaselineResult
-from trackfg.numerics.arrays import Array
+from trackfg.evaluation.trajectory_errors import values_at
 from trackfg.numerics.rotations import matrix_from_rpy
 from trackfg.numerics.spans import true_runs
 from trackfg.recording.model import Recording
@@ -96,10 +97,10 @@ def _parts(recording: Recording, what: Withheld) -> np.ndarray | None:
 def _fix_errors(divided: Division, recording: Recording, trajectory: pd.DataFrame, *, anchored: bool) -> pd.DataFrame:
     assert recording.fixes is not None
     at = recording.fixes["t_s"].to_numpy()
-    error = _at(trajectory, "chainage_m", at) - recording.fixes["chainage_m"].to_numpy()
+    error = values_at(trajectory, "chainage_m", at) - recording.fixes["chainage_m"].to_numpy()
     if not anchored:
         error = error - np.nanmean(error[~divided.rows])
-    sd = np.hypot(_at(trajectory, "chainage_m_sd", at), recording.fixes["chainage_sd_m"].to_numpy())
+    sd = np.hypot(values_at(trajectory, "chainage_m_sd", at), recording.fixes["chainage_sd_m"].to_numpy())
     return pd.DataFrame({"withheld_fix_m": error, "withheld_fix_m_sd": sd})[divided.rows]
 
 
@@ -110,14 +111,14 @@ def _position_errors(
     assert recording.gnss is not None
     assert recording.description.gnss is not None
     seen = recording.gnss[divided.rows] if anchored else recording.gnss[:0]
-    t = seen["t_s"].to_numpy()
-    R = matrix_from_rpy(*(_at(trajectory, f"{name}_rad", t) for name in ("roll", "pitch", "yaw")))
+    at = partial(values_at, trajectory, t=seen["t_s"].to_numpy())
+    R = matrix_from_rpy(*(at(f"{name}_rad") for name in ("roll", "pitch", "yaw")))
     arm = np.nan_to_num(R) @ np.array(recording.description.gnss.lever_arm_m)
     parts = [
         pd.DataFrame(
             {
-                "withheld_position_m": _at(trajectory, f"{axis}_m", t) + arm[:, i] - seen[f"{axis}_m"].to_numpy(),
-                "withheld_position_m_sd": np.hypot(_at(trajectory, f"{axis}_m_sd", t), seen[f"{axis}_sd_m"].to_numpy()),
+                "withheld_position_m": at(f"{axis}_m") + arm[:, i] - seen[f"{axis}_m"].to_numpy(),
+                "withheld_position_m_sd": np.hypot(at(f"{axis}_m_sd"), seen[f"{axis}_sd_m"].to_numpy()),
             }
         )
         for i, axis in enumerate(("east", "north"))
@@ -137,16 +138,8 @@ def _way_errors(divided: Division, recording: Recording, trajectory: pd.DataFram
         at = np.arange(t[first - 1], t[last], _STEP_S)
         way = np.interp([*at, t[last]], t, counted) - counted[first - 1]
         if abs(way[-1]) >= _LEAST_WAY_M:
-            estimated = _at(trajectory, "chainage_m", np.append(at, t[last]))
+            estimated = values_at(trajectory, "chainage_m", np.append(at, t[last]))
             estimated = estimated - estimated[0]
             errors.append((estimated - way * (estimated[-1] / way[-1]))[1:-1])
     error = np.concatenate(errors)
     return pd.DataFrame({"withheld_way_m": error, "withheld_way_m_sd": np.full(error.size, np.nan)})
-
-
-def _at(trajectory: pd.DataFrame, column: str, t: Array) -> Array:
-    """Return a column of the trajectory at times (m,), s; NaN outside."""
-    values = trajectory[column].to_numpy(dtype=np.float64)
-    if column == "yaw_rad":
-        values = np.unwrap(values)
-    return np.asarray(np.interp(t, trajectory["t_s"], values, left=np.nan, right=np.nan))

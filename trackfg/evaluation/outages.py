@@ -7,11 +7,13 @@ The horizontal error at a position is the length of (east, north) of trajectory 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 
 import numpy as np
 import pandas as pd
 
 from trackfg.evaluation.scores import rms
+from trackfg.evaluation.trajectory_errors import values_at
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.rotations import matrix_from_rpy
 from trackfg.numerics.spans import Span
@@ -37,12 +39,7 @@ def horizontal_errors(
     clock = trajectory["t_s"].to_numpy()
     positions = positions[positions["t_s"].between(clock[0], clock[-1])]
     t = positions["t_s"].to_numpy()
-
-    def at_positions(column: str) -> Array:
-        values = trajectory[column].to_numpy()
-        interpolated: Array = np.interp(t, clock, np.unwrap(values) if column == "yaw_rad" else values)
-        return interpolated
-
+    at_positions = partial(values_at, trajectory, t=t)
     attitude = matrix_from_rpy(*(at_positions(f"{angle}_rad") for angle in ("roll", "pitch", "yaw")))
     arm = attitude @ np.asarray(lever_arm_m, dtype=np.float64)
     east = at_positions("east_m") + arm[:, 0] - positions["east_m"].to_numpy()

@@ -45,6 +45,14 @@ def trajectory_errors(trajectory: pd.DataFrame, truth: pd.DataFrame) -> pd.DataF
     return pd.DataFrame(columns)
 
 
+def values_at(trajectory: pd.DataFrame, column: str, t: Array) -> Array:
+    """Return a column of a trajectory at times (m,), s, linear between rows; NaN outside. Yaw is unwrapped."""
+    values = trajectory[column].to_numpy(dtype=np.float64)
+    if column == "yaw_rad":
+        values = np.unwrap(values)
+    return np.asarray(np.interp(t, trajectory["t_s"], values, left=np.nan, right=np.nan))
+
+
 def from_the_true_start(trajectory: pd.DataFrame, truth: pd.DataFrame) -> pd.DataFrame:
     """Return the trajectory with its chainage shifted to be right at its first row: for estimators that only count."""
     first = trajectory.iloc[0]
