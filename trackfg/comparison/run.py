@@ -14,7 +14,6 @@ import os
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -182,7 +181,7 @@ def compare(
     """
     start = time.perf_counter()
     with_own(estimators(peers=peers), own)
-    runs = list(_runs(cases, _How(peers, jobs, own), progress))
+    runs = list(_runs(cases, own=own, peers=peers, jobs=jobs, progress=progress))
     scores = joined(
         [*(run.scores for run in runs), *_repeatability([run for run in runs if run.basis == "repeatability"])]
     )
@@ -209,32 +208,24 @@ def compare(
     )
 
 
-@dataclass(frozen=True)
-class _How:
-    """How cases are run: other packages too (``peers``), in so many processes, with a user's ``own`` estimators."""
-
-    peers: bool
-    jobs: int
-    own: Mapping[str, Estimator]
-
-
-def _runs(cases: Sequence[Case], how: _How, progress: Progress | None) -> Iterator[CaseRun]:
+def _runs(
+    cases: Sequence[Case], *, own: Mapping[str, Estimator], peers: bool, jobs: int, progress: Progress | None
+) -> Iterator[CaseRun]:
     """Run the cases in their order. The curves of the first run of each name are kept."""
     keep = [case.name not in {earlier.name for earlier in cases[:number]} for number, case in enumerate(cases)]
-    if how.jobs == 1 or len(cases) == 1:
+    if jobs == 1 or len(cases) == 1:
         for number, case in enumerate(cases):
 
             def show(what: str, done: float, number: int = number, name: str = case.name) -> None:
                 if progress is not None:
                     progress(f"{name}: {what}", (number + done) / len(cases))
 
-            yield run_case(case, peers=how.peers, keep=keep[number], progress=show, own=how.own)
+            yield run_case(case, peers=peers, keep=keep[number], progress=show, own=own)
         return
     # Spawned, not forked: a fork of a process whose libraries have threads may hang.
-    with ProcessPoolExecutor(how.jobs, mp_context=multiprocessing.get_context("spawn")) as pool:
+    with ProcessPoolExecutor(jobs, mp_context=multiprocessing.get_context("spawn")) as pool:
         futures = [
-            pool.submit(run_case, case, peers=how.peers, keep=kept, own=how.own)
-            for case, kept in zip(cases, keep, strict=True)
+            pool.submit(run_case, case, peers=peers, keep=kept, own=own) for case, kept in zip(cases, keep, strict=True)
         ]
         try:
             for done, future in enumerate(as_completed(futures), start=1):
