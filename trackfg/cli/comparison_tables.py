@@ -50,7 +50,7 @@ def _task_table(case: ComparedCase, task: str, rows: Sequence[Row]) -> Renderabl
     table = titled(title, "", *figures)
     for quantity in dict.fromkeys(row.quantity for row in rows):
         table.add_section()
-        table.add_row(Text(_labelled(quantity), style="bold"))
+        table.add_row(Text(QUANTITIES[quantity].heading, style="bold"))
         for row in rows:
             if row.quantity == quantity:
                 table.add_row(*_score_cells(row), style=_BEATING if row.beats_the_smoother else "")
@@ -76,7 +76,7 @@ def _speed_table(case: ComparedCase, quantity: str, rows: Sequence[Row]) -> Rend
     """Return error of each estimator in each band of speed."""
     names = list(dict.fromkeys(row.estimator for row in rows))
     names.sort(key=lambda name: name != REFERENCE)
-    table = titled(f"{case.name}, {_labelled(quantity)}, by speed", *numbers("from km/h", *names))
+    table = titled(f"{case.name}, {QUANTITIES[quantity].heading}, by speed", *numbers("from km/h", *names))
     cells = {(row.from_kmh, row.estimator): row for row in rows}
     for band in sorted({row.from_kmh for row in rows if row.from_kmh is not None}):
         of_band = [cells.get((band, name)) for name in names]
@@ -101,7 +101,7 @@ def _difference_table(about: About) -> RenderableType:
     for (quantity, name), ones in sorted(groups.items(), key=lambda item: list(QUANTITIES).index(item[0][0])):
         whole = math.sqrt(sum(one.rms**2 for one in ones) / len(ones))
         worst = max(ones, key=lambda one: one.rms)
-        table.add_row(_labelled(quantity), name, f"{whole:.3g}", f"{worst.rms:.3g}", f"{worst.from_km:g}")
+        table.add_row(QUANTITIES[quantity].heading, name, f"{whole:.3g}", f"{worst.rms:.3g}", f"{worst.from_km:g}")
     return table
 
 
@@ -109,8 +109,3 @@ def _explained(table: Table, rows: Sequence[Row]) -> Table:
     if any(row.beats_the_smoother for row in rows):
         table.caption, table.caption_justify = "! beats the smoother", "left"
     return table
-
-
-def _labelled(quantity: str) -> str:
-    meaning = QUANTITIES[quantity]
-    return ", ".join(filter(None, (meaning.label, meaning.unit)))

@@ -74,6 +74,11 @@ class Quantity:
     unit: str
     statistic: Literal["rms", "sd"] = "rms"
 
+    @property
+    def heading(self) -> str:
+        """Return label and unit."""
+        return f"{self.label}, {self.unit}" if self.unit else self.label
+
 
 QUANTITIES: dict[str, Quantity] = {
     "cross_level_mm": Quantity("attitude and cross-level", "cross-level, offset removed", "mm", "sd"),

@@ -18,12 +18,6 @@ _BASIS = {
 _STATISTIC = {"rms": "RMS", "sd": "SD"}
 
 
-def quantity_text(quantity: str) -> str:
-    """Return label and unit."""
-    meaning = QUANTITIES[quantity]
-    return f"{meaning.label}, {meaning.unit}" if meaning.unit else meaning.label
-
-
 def case_table(about: About) -> PageTable:
     """Return the table of what was compared, and on how many runs."""
     rows = TableRow.plain(
@@ -73,7 +67,7 @@ def best_table(about: About) -> PageTable:
             TableRow(
                 (
                     case,
-                    f"{quantity_text(quantity)} ({_STATISTIC[best.statistic]})",
+                    f"{QUANTITIES[quantity].heading} ({_STATISTIC[best.statistic]})",
                     _error(own),
                     _error(best),
                     best.estimator,
@@ -131,7 +125,7 @@ def beaten_table(about: About) -> PageTable:
         TableRow(
             (
                 row.case,
-                quantity_text(row.quantity),
+                QUANTITIES[row.quantity].heading,
                 _band(row),
                 row.estimator,
                 _error(row),
@@ -170,7 +164,7 @@ def score_table(about: About, task: Task) -> PageTable:
         if (row.case, row.quantity) != before:
             before = (row.case, row.quantity)
             case = "" if len(about.cases) == 1 else f"{row.case}: "
-            group = f"{case}{quantity_text(row.quantity)} ({_STATISTIC[row.statistic]})"
+            group = f"{case}{QUANTITIES[row.quantity].heading} ({_STATISTIC[row.statistic]})"
             rows.append(TableRow((group,), mark="group"))
         own = row.estimator == REFERENCE
         cells = (
@@ -203,7 +197,7 @@ def difference_table(about: About) -> PageTable:
     cells = {(one.quantity, one.estimator, one.from_km): one.rms for one in about.differences}
     pairs = dict.fromkeys((quantity, name) for quantity in QUANTITIES for q, name, _ in cells if q == quantity)
     rows = TableRow.plain(
-        (quantity_text(quantity), name, *(digits(cells.get((quantity, name, km))) for km in kms))
+        (QUANTITIES[quantity].heading, name, *(digits(cells.get((quantity, name, km))) for km in kms))
         for quantity, name in pairs
     )
     headings = ("quantity", "estimator", *(f"km {km:g}" for km in kms))
