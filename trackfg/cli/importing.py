@@ -20,7 +20,6 @@ if TYPE_CHECKING:
 
     from trackfg.interchange.importing.conversion import Imported
     from trackfg.interchange.importing.proposals.questions import Ask, Proposal, Question
-    from trackfg.interchange.importing.source_format import DialectFor
     from trackfg.interchange.importing.source_table import SourceTable
     from trackfg.results.result import Result
 
@@ -67,6 +66,7 @@ def import_recording(
     from trackfg.interchange.importing.channels.source_geometry import geometry_in
     from trackfg.interchange.importing.conversion import converted
     from trackfg.interchange.importing.mapping import read_mapping
+    from trackfg.interchange.importing.registry import source_format
 
     plan = None if mapping is None else read_mapping(mapping)
     with working("reading"):
@@ -79,7 +79,7 @@ def import_recording(
         _report(made)
     else:
         with working("reading"):
-            tables = _tables(source, from_format or plan.source, plan.dialect)
+            tables = source_format(source, from_format or plan.source).tables(source, plan.dialect)
             conversion, notes = converted(tables, plan, run_id=source.stem), _notes_of(tables)
             del tables  # the recording is read back, and there is no need for both in memory
             made = conversion.write(out)
@@ -122,12 +122,6 @@ def init(
     _note_reasons(proposal, shown={f"{section}.{key}" for section, keys in _SHOWN.items() for key in keys})
     tell(_recognised(proposal, source), f"mapping: {target}")
     _report(made)
-
-
-def _tables(source: Path, from_format: str | None, dialect_for: DialectFor) -> Sequence[SourceTable]:
-    from trackfg.interchange.importing.registry import source_format
-
-    return source_format(source, from_format).tables(source, dialect_for)
 
 
 def _proposed(source: Path, out: Path, from_format: str | None, ask: Ask) -> tuple[Proposal, Imported]:

@@ -45,11 +45,8 @@ def statistics(
     headings = [name.replace("_", " ") for name in names[:_MOST_COLUMNS]]
     shown = titled(f"Sections of {section:g} m", *numbers(*headings))
     for row in table[names[:_MOST_COLUMNS]].to_numpy().tolist():
-        shown.add_row(*(f"{place:.0f}" for place in row[:2]), *(_cell(value) for value in row[2:]))
+        sds = ("" if math.isnan(value) else f"{value:.3g}" for value in row[2:])
+        shown.add_row(*(f"{place:.0f}" for place in row[:2]), *sds)
     more = len(names) - _MOST_COLUMNS
     lines = [f"{more} columns more: -o and --json have all"] if more > 0 else []
     show_or_tell(shown, *lines, written=None if out is None else f"statistics: {out}")
-
-
-def _cell(value: float) -> str:
-    return "" if math.isnan(value) else f"{value:.3g}"

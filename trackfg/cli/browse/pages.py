@@ -206,15 +206,13 @@ def _overlaps(row: Row, ends: tuple[float, float]) -> bool:
 def _progress_text(batches: list[BatchState], unread: int) -> str:
     """Return how far batches are, in words."""
     now = time.time()
-    texts = [_lost(batch) if batch.lost(now) else _running(batch) for batch in batches] or ["No batch is running."]
+    texts = [_how_far(batch, now) for batch in batches] or ["No batch is running."]
     return " ".join((*texts, *([f"The results of {unread} runs are yet to be read."] if unread else [])))
 
 
-def _lost(batch: BatchState) -> str:
-    return f"Batch {batch.name} ended before it was done: {batch.done} of {batch.runs} runs."
-
-
-def _running(batch: BatchState) -> str:
+def _how_far(batch: BatchState, now: float) -> str:
+    if batch.lost(now):
+        return f"Batch {batch.name} ended before it was done: {batch.done} of {batch.runs} runs."
     left = batch.remaining_s
     time_left = "" if left is None else f", {batch.runs_per_minute:.3g} a minute, {duration(left)} left"
     failures = f", {batch.failed} failed" if batch.failed else ""

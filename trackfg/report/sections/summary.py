@@ -29,12 +29,12 @@ def measured_elsewhere(result: Result) -> PageSection:
 
 def summary_section(result: Result, solver: Solver, headlines: tuple[Tile, ...] = ()) -> PageSection:
     """Return the run in figures, below ``headlines``, the verdict, and what each quantity can be trusted for."""
-    page = result.summary
+    page, worst_m = result.summary, float(result.trajectory["chainage_m_sd"].max())
     tiles = (
         *headlines,
         Tile("length", length(page.distance_m), _extent(result)),
         Tile("measured", _begun(page), f"{duration(page.duration_s)}, {_mean_speed(page)}"),
-        Tile("place, 1 sigma", _place(result), "at worst, along the track"),
+        Tile("place, 1 sigma", with_unit(worst_m, "m", 2), "at worst, along the track"),
         Tile("wheel scale", _estimate(page.wheel_scale), "true over nominal distance"),
     )
     blocks: tuple[Block, ...] = (Tiles(tiles), _verdict(page, solver), *_trust(page), Signature(_SIGNED))
@@ -138,10 +138,6 @@ def _begun(page: Summary) -> str:
     """Return when the run began, as its recording has it."""
     start = None if page.run is None else page.run.start_utc
     return "no date" if start is None else f"{start:%Y-%m-%d %H:%M} UTC"
-
-
-def _place(result: Result) -> str:
-    return with_unit(float(result.trajectory["chainage_m_sd"].max()), "m", 2)
 
 
 def _per_km(result: Result) -> str:
