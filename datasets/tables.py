@@ -11,7 +11,7 @@ import pandas as pd
 
 from trackfg.numerics.arrays import Array
 from trackfg.recording.description import Fixes, Gnss, Imu, ImuNoise, Vector3
-from trackfg.recording.model import FIX_COLUMNS, GNSS_COLUMNS, IMU_COLUMNS, LASER_COLUMNS, TACH_COLUMNS
+from trackfg.recording.model import FIX_COLUMNS, GNSS_COLUMNS, IMU_COLUMNS, TACH_COLUMNS
 
 TRAJECTORY_COLUMNS = ("t_s", "east_m", "north_m", "up_m", "speed_mps", "roll_rad", "pitch_rad", "yaw_rad")
 
@@ -21,14 +21,19 @@ def clock(duration_s: float, rate_hz: float) -> Array:
     return np.arange(int(duration_s * rate_hz * (1.0 + 1e-12)) + 1) / rate_hz
 
 
+def table(names: tuple[str, ...], *columns: Array) -> pd.DataFrame:
+    """The table with these columns, (n,) each."""
+    return pd.DataFrame(dict(zip(names, columns, strict=True)))
+
+
 def imu_table(t_s: Array, gyro: Array, accel: Array) -> pd.DataFrame:
     """The ``imu`` table from interval centres (n,), angular rates and specific forces (n, 3), FLU, SI."""
-    return _table(IMU_COLUMNS, t_s, *gyro.T, *accel.T)
+    return table(IMU_COLUMNS, t_s, *gyro.T, *accel.T)
 
 
 def tach_table(t_s: Array, distance_m: Array) -> pd.DataFrame:
     """The ``tach`` table from times (n,) and cumulative nominal distances (n,)."""
-    return _table(TACH_COLUMNS, t_s, distance_m)
+    return table(TACH_COLUMNS, t_s, distance_m)
 
 
 def integrated_speed(t_s: Array, speed_mps: Array) -> Array:
@@ -37,25 +42,15 @@ def integrated_speed(t_s: Array, speed_mps: Array) -> Array:
     return np.concatenate([[0.0], np.cumsum(steps)])
 
 
-def fix_table(t_s: Array, chainage_m: Array, sd_m: Array) -> pd.DataFrame:
-    """The ``fixes`` table, all (n,)."""
-    return _table(FIX_COLUMNS, t_s, chainage_m, sd_m)
-
-
 def gnss_table(t_s: Array, enu_m: Array, sd_m: Array) -> pd.DataFrame:
     """The ``gnss`` table from times (n,), east-north-up positions (n, 3) and their sigmas, (3,) or (n, 3)."""
-    return _table(GNSS_COLUMNS, t_s, *enu_m.T, *np.broadcast_to(sd_m, enu_m.shape).T)
-
-
-def laser_table(t_s: Array, displacement_m: Array) -> pd.DataFrame:
-    """The table of one laser from times (n,) and displacements (n,)."""
-    return _table(LASER_COLUMNS, t_s, displacement_m)
+    return table(GNSS_COLUMNS, t_s, *enu_m.T, *np.broadcast_to(sd_m, enu_m.shape).T)
 
 
 def trajectory_table(t_s: Array, enu_m: Array, speed_mps: Array, rpy_rad: Array) -> pd.DataFrame:
     """A reference trajectory, columns :data:`TRAJECTORY_COLUMNS`; yaw is unwrapped along the rows."""
     roll, pitch, yaw = rpy_rad.T
-    return _table(TRAJECTORY_COLUMNS, t_s, *enu_m.T, speed_mps, roll, pitch, np.unwrap(yaw))
+    return table(TRAJECTORY_COLUMNS, t_s, *enu_m.T, speed_mps, roll, pitch, np.unwrap(yaw))
 
 
 def imu_description(
@@ -99,7 +94,3 @@ def fixes_description() -> Fixes:
     """What ``recording.toml`` says of a canonical ``fixes`` table."""
     time, chainage, sd = FIX_COLUMNS
     return Fixes(file="fixes.parquet", time=time, chainage=chainage, sd=sd)
-
-
-def _table(names: tuple[str, ...], *columns: Array) -> pd.DataFrame:
-    return pd.DataFrame(dict(zip(names, columns, strict=True)))

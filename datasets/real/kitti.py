@@ -42,9 +42,7 @@ def load() -> RealRun:
         imu=tables.imu_table(stamps - origin - 0.5 * SAMPLE_S, gyro, accel),
         gnss=tables.gnss_table(gnss_t, raw_gnss[:, 1:4], np.array(POSITION_SD_M)),
     )
-    reference = pd.DataFrame(
-        dict(zip(("t_s", "east_m", "north_m", "up_m"), (gnss_t, *raw_gnss[:, 1:4].T), strict=True))
-    )
+    reference = tables.table(("t_s", "east_m", "north_m", "up_m"), gnss_t, *raw_gnss[:, 1:4].T)
     return RealRun(recording, reference)
 
 

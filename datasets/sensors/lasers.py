@@ -110,7 +110,7 @@ def laser_tables(
         exact |= {model.name: (t, d) for model, d in zip(alike, np.concatenate(chunks, axis=1), strict=True)}
     streams = [None] * len(models) if rng is None else rng.spawn(len(models))
     return {
-        model.name: tables.laser_table(exact[model.name][0], _measured(exact[model.name][1], model, stream))
+        model.name: tables.table(LASER_COLUMNS, exact[model.name][0], _measured(exact[model.name][1], model, stream))
         for model, stream in zip(models, streams, strict=True)
     }
 

@@ -26,6 +26,7 @@ from trackfg.datasets.vehicle.random_spans import random_spans
 from trackfg.datasets.vehicle.ride import Ride
 from trackfg.numerics.arrays import Array
 from trackfg.recording.description import Vector3
+from trackfg.recording.model import FIX_COLUMNS
 
 
 @dataclass(frozen=True)
@@ -80,7 +81,7 @@ def balise_table(ride: Ride, model: BaliseModel, duration_s: float, rng: np.rand
         chainage = chainage + np.where(wrong, np.sign(size) * low + size * (high - low), 0.0)
         read = miss_rng.random(len(times)) >= model.miss_probability
         times, chainage = times[read], chainage[read]
-    return tables.fix_table(times, chainage, np.full(len(chainage), model.sd_m))
+    return tables.table(FIX_COLUMNS, times, chainage, np.full(len(chainage), model.sd_m))
 
 
 def gnss_table(ride: Ride, model: GnssModel, duration_s: float, rng: np.random.Generator | None) -> pd.DataFrame:

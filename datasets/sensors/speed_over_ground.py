@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-import pandas as pd
 
 from trackfg.datasets import tables
 from trackfg.datasets.sensors.further_sensor import Measured
@@ -55,7 +54,7 @@ class SpeedModel:
         seen = body @ np.array([np.cos(yaw), np.sin(yaw), 0.0])
         measured = np.abs(seen / scale + noise)
         heard &= measured >= self.lowest_mps
-        table = pd.DataFrame(dict(zip(SPEED_COLUMNS, (t[heard], measured[heard]), strict=True)))
+        table = tables.table(SPEED_COLUMNS, t[heard], measured[heard])
         time, speed = SPEED_COLUMNS
         part = Speed(
             file="speed.parquet",
