@@ -17,6 +17,7 @@ from trackfg.geometry.resampling import resample
 from trackfg.graph.run_context import RunContext
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.passes import Pass, passes
+from trackfg.numerics.spans import median_interval
 from trackfg.output.dense_motion import DenseMotion
 from trackfg.output.profiles import SHORTEST_PASS_M, Ascent, Profile, Shapes, View, lateral_of, profiles
 from trackfg.sensors.displacement import SIDES, RailView, Side
@@ -111,7 +112,8 @@ class _Sight:
     def of(cls, run: RunContext, motion: DenseMotion, view: RailView, ascent: Ascent) -> _Sight:
         step_m = run.conventions.step_m
         nav, t = motion.nav[ascent.rows], motion.t[ascent.rows]
-        body = view.points(t, _row_s(motion)) - run.lever_arm
+        # A row of dense motion stands for as long as this: the mean over it uses every reading.
+        body = view.points(t, median_interval(motion.t)) - run.lever_arm
         points = nav.p + np.einsum("mij,mj->mi", nav.R, body)
         grid, values = resample(ascent.x, ascent.sorted(points).T, step_m)
         return cls(view, ascent, body, np.rint(grid / step_m).astype(np.int64), values)
@@ -133,8 +135,3 @@ def _view(run: RunContext, sight: _Sight, grid: Array, leftward: Array) -> tuple
     share = np.sqrt(_KEPT / readings)
     side: Side = view.side if run.direction > 0 else ("right" if view.side == "left" else "left")
     return View(side, points, across * share, up * share, _KEPT**-0.5, heading_noise(step_m, _SLOPE_M)), speed
-
-
-def _row_s(motion: DenseMotion) -> float:
-    """Return the time that a row of dense motion stands for, s: the mean over it uses every reading."""
-    return float(np.median(np.diff(motion.t)))

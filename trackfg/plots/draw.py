@@ -27,21 +27,15 @@ def picture_path(path: str | os.PathLike[str]) -> Path:
 def drawn(sheet: Sheet, path: str | os.PathLike[str] | None) -> Any:
     """Draw ``sheet`` into ``path`` and return that; without a path return a figure of plotly, which a notebook shows.
 
-    Raises what :func:`picture_path` and :func:`draw` raise.
+    The same sheet gives the same file, which is there whole or as it was before. Raises what :func:`picture_path`
+    raises, and :class:`OutputError` where the file cannot be written.
     """
-    if path is not None:
-        return draw(sheet, picture_path(path))
-    library("plotly", "charts")
-    from trackfg.plots.plotly_page import notebook_figure
+    if path is None:
+        library("plotly", "charts")
+        from trackfg.plots.plotly_page import notebook_figure
 
-    return notebook_figure(sheet)
-
-
-def draw(sheet: Sheet, path: Path) -> Path:
-    """Draw ``sheet`` into ``path``, a :func:`picture_path`; the same sheet gives the same file.
-
-    The file is there whole or as it was before. Raises :class:`OutputError` where it cannot be written.
-    """
+        return notebook_figure(sheet)
+    path = picture_path(path)
     if path.suffix == ".html":
         from trackfg.plots.plotly_page import write
     else:

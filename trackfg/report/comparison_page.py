@@ -17,7 +17,6 @@ from trackfg.report.comparison_tables import (
     left_out_table,
     score_table,
     surely_beats,
-    tasks,
 )
 from trackfg.report.numbers import counted, duration
 from trackfg.report.page import Block, Code, Drawing, Facts, Fold, Page, PageSection, Text, Tile, Tiles
@@ -116,7 +115,7 @@ def _what(comparison: Comparison, runs: int) -> PageSection:
 
 def _tasks(comparison: Comparison, colour: dict[str, str]) -> Iterator[PageSection]:
     about = comparison.about
-    for number, task in enumerate(tasks(about.rows), start=1):
+    for number, task in enumerate(dict.fromkeys(row.task for row in about.rows), start=1):
         blocks: list[Block] = [
             Text(
                 "Error: the mean over runs of each run's RMS, or of its standard deviation where an unknown offset is "

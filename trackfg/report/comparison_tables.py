@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 from trackfg.comparison.table import BAND_KMH, QUANTITIES, REFERENCE, About, Task
 from trackfg.comparison.table import Row as Score
 from trackfg.report.numbers import NONE, digits, duration, interval, percent
@@ -208,11 +206,6 @@ def left_out_table(about: About) -> PageTable:
     """Return the table of what could not be used, and why."""
     rows = TableRow.plain((one.case, one.estimator, one.reason) for one in about.left_out)
     return PageTable(("case", "estimator", "why"), rows)
-
-
-def tasks(rows: Sequence[Score]) -> list[Task]:
-    """Return the tasks with scores, in the order of the rows."""
-    return list(dict.fromkeys(row.task for row in rows))
 
 
 def _place(row: Score) -> tuple[str, str, float | None]:

@@ -14,7 +14,7 @@ import sqlalchemy as sa
 from trackfg.errors import BadInputError, OutputError
 from trackfg.files.atomic_folder import replaced_folder
 from trackfg.maps.location import locate
-from trackfg.plots.draw import draw
+from trackfg.plots.draw import drawn
 from trackfg.plots.sheet import Sheet
 
 
@@ -43,7 +43,7 @@ def test_a_picture(suffix: str, module: str, tmp_path: Path, monkeypatch: pytest
     path = tmp_path / f"out{suffix}"
     path.write_text("the old one")
     with pytest.raises(OutputError, match=rf"out{suffix}: cannot be written"):
-        draw(Sheet("", (), "", (0.0, 1.0)), path)
+        drawn(Sheet("", (), "", (0.0, 1.0)), path)
     assert [(file.name, file.read_text()) for file in tmp_path.iterdir()] == [(path.name, "the old one")]
 
 

@@ -13,7 +13,7 @@ from urllib.parse import parse_qsl, urlsplit
 
 import pandas as pd
 
-from trackfg.cli.browse.sections import NO_DATE, StoredSections, geometry_of, has_dates
+from trackfg.cli.browse.sections import NO_DATE, StoredSections, geometry_of
 from trackfg.errors import BadInputError, TrackfgError, first_line
 from trackfg.fleet.batch_progress import BatchState, batch_states
 from trackfg.fleet.key_figures import SCHEMA
@@ -136,7 +136,7 @@ class StorePages:
         shown = over if query.get("runs") == "all" else over[-NEWEST_RUNS:]
         runs = [RunOverSection(row["run"], row["start"], self._between(row["run"], ends)) for row in shown]
         others = section_address(line, from_m, every_run=True) if len(shown) < len(over) else ""
-        dated = series if series is not None and has_dates(series) else None
+        dated = series if series is not None and series.dates[-1] != NO_DATE else None
         return section_page(line, ends, [run for run in runs if len(run.geometry) > 1], dated, others)
 
     def _run(self, query: Query) -> Page:

@@ -83,11 +83,6 @@ class StoredSections:
         return sections if known else None
 
 
-def has_dates(series: Series) -> bool:
-    """Return whether the runs of a line have dates."""
-    return series.dates[-1] != NO_DATE
-
-
 def geometry_of(store: Store, run: str) -> tuple[pd.DataFrame, Summary]:
     """Return geometry and summary of a run's result. Raises :class:`BadInputError` or :class:`PlaceError`."""
     with local_files(store.result(run), GEOMETRY_FILES) as folder:
