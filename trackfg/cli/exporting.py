@@ -4,15 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from trackfg.cli.options import ResultFolder, out_file, with_options
 from trackfg.cli.terminal import show, tell, titled, working
-
-if TYPE_CHECKING:
-    from rich.console import RenderableType
 
 
 @dataclass(frozen=True)
@@ -47,7 +44,10 @@ def export(options: ExportChoices) -> None:
     from trackfg.results.result import Result
 
     if options.list_formats:
-        show(_formats({name: form.title for name, form in result_formats().items()}))
+        table = titled("Formats", "--to", "what")
+        for name, form in result_formats().items():
+            table.add_row(name, form.title)
+        show(table)
         return
     tables = ("geometry", "trajectory", "events", "balises")
     if options.table not in tables:
@@ -59,10 +59,3 @@ def export(options: ExportChoices) -> None:
     with working("export"):
         export_result(Result.read(options.result), form, target, wanted)
     tell(str(target))
-
-
-def _formats(titles: dict[str, str]) -> RenderableType:
-    table = titled("Formats", "--to", "what")
-    for name, title in titles.items():
-        table.add_row(name, title)
-    return table
