@@ -5,18 +5,22 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING
 
+import pandas as pd
 from rich.console import RenderableType
 from rich.text import Text
 
 from trackfg.cli.tables import records
 from trackfg.cli.terminal import columns, numbers, titled
 from trackfg.geometry.exceedances import Judgement
-from trackfg.report.severity import KilometreExceedances, by_kilometre, by_severity, place_text, quantity_text
-
-if TYPE_CHECKING:
-    import pandas as pd
+from trackfg.report.severity import (
+    KilometreExceedances,
+    by_kilometre,
+    by_severity,
+    counts_text,
+    place_text,
+    quantity_text,
+)
 
 
 def of_judgement(judgement: Judgement) -> Iterator[RenderableType]:
@@ -42,7 +46,7 @@ def _kilometres(kilometres: Sequence[KilometreExceedances]) -> RenderableType:
     km, length = numbers("km", "length m")
     table = titled("By kilometre", km, counts, length, worst)
     for one in kilometres:
-        table.add_row(one.km, Text(one.counts_text), f"{one.length_m:.2f}", Text(one.worst_text))
+        table.add_row(one.km, Text(counts_text(one.counts)), f"{one.length_m:.2f}", Text(one.worst_text))
     return table
 
 

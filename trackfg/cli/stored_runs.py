@@ -4,18 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from functools import partial
-from typing import TYPE_CHECKING
 
 from trackfg.errors import BadInputError, first_line
 from trackfg.fleet.places import PlaceError, joined, local_files, read
 from trackfg.fleet.store import Store
 from trackfg.mapping.joining.build import JoinableRun
 from trackfg.mapping.joining.joining import place_of_result
+from trackfg.maps.feature_map import FeatureMap
 from trackfg.results.result import RESULT_FOLDER, Result
 from trackfg.results.summary import Summary
-
-if TYPE_CHECKING:
-    from trackfg.maps.feature_map import FeatureMap
 
 
 def stored_run(place: str) -> JoinableRun:

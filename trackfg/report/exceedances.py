@@ -87,7 +87,7 @@ def _kilometres(found: pd.DataFrame) -> PageTable:
         (
             one.km,
             str(one.count),
-            one.counts_text,
+            counts_text(one.counts),
             f"{one.length_m:.1f}",
             quantity_text(one.worst),
             place_text(one.worst),

@@ -40,11 +40,6 @@ class KilometreExceedances:
         return sum(self.counts.values())
 
     @property
-    def counts_text(self) -> str:
-        """Return the numbers by level in words."""
-        return counts_text(self.counts)
-
-    @property
     def worst_text(self) -> str:
         """Return the worst exceedance in words: what it is, its share of the limit, its place."""
         return f"{quantity_text(self.worst)}, {100.0 * self.share:.0f} % at {place_text(self.worst)}"

@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from trackfg.numerics.arrays import Array
+from trackfg.numerics.kilometrage import Kilometrage
 from trackfg.report.charts import OfficialAxis, OfficialStretch
-
-if TYPE_CHECKING:
-    from trackfg.numerics.kilometrage import Kilometrage
 
 
 @dataclass(frozen=True)
