@@ -164,19 +164,14 @@ def _passed(model: IrregularityModel, w: Array) -> Array:
     return np.asarray(np.sin(0.5 * np.pi * np.clip(inside / fade, 0.0, 1.0)) ** 2)
 
 
-def _d1_variances(model: IrregularityModel) -> Array:
-    """Return D1 variances of the unscaled spectra, m^2: the trapezium rule over the logarithm of the wavenumber. Shape
-    (4,).
+@cache
+def _scales(model: IrregularityModel) -> Array:
+    """Return what multiplies each spectrum, from the variances in D1 of the unscaled ones: the trapezium rule over the
+    logarithm of the wavenumber. Shape (4,).
     """
     w = np.geomspace(2 * np.pi / model.longest_m, 2 * np.pi / SHORTEST_M, 4001)
     density = _shape(model, w) * (d1_gain(w) ** 2 * w)[:, None]
-    return np.asarray(np.trapezoid(density, np.log(w), axis=0))
-
-
-@cache
-def _scales(model: IrregularityModel) -> Array:
-    """Return what multiplies each spectrum. Shape (4,)."""
-    natural = np.sqrt(_d1_variances(model))
+    natural = np.sqrt(np.trapezoid(density, np.log(w), axis=0))
     asked = (model.level_d1_sd_m, model.alignment_d1_sd_m, model.cross_level_d1_sd_m, model.gauge_d1_sd_m)
     return np.array([1.0 if sd is None else (sd / own) ** 2 for sd, own in zip(asked, natural, strict=True)])
 

@@ -46,7 +46,8 @@ class LinearSystem:
         ``inputs`` (k, m) and the forces ``signals @ force.T``, (k, p) and (n, p), are linear in between. (k, rows).
         """
         n = len(self.mass)
-        rates, modes = np.linalg.eig(self._state_matrix())
+        below = -np.concatenate([self.stiffness, self.damping], axis=1) / self.mass[:, None]
+        rates, modes = np.linalg.eig(np.concatenate([np.eye(n, 2 * n, n), below]))
         into = np.linalg.inv(modes)[:, n:] / self.mass
         drive = np.concatenate([inputs, signals], axis=1)
         by_value = into @ np.concatenate([self.input_stiffness, force], axis=1)
@@ -77,11 +78,6 @@ class LinearSystem:
         left = self.stiffness + 1j * w * self.damping - w * w * np.diag(self.mass)
         right = (self.input_stiffness + 1j * w * self.input_damping) @ u
         return np.asarray(np.linalg.solve(left, right[..., None])[..., 0])
-
-    def _state_matrix(self) -> Array:
-        n = len(self.mass)
-        below = -np.concatenate([self.stiffness, self.damping], axis=1) / self.mass[:, None]
-        return np.concatenate([np.eye(n, 2 * n, n), below])
 
 
 @dataclass(frozen=True)

@@ -61,8 +61,10 @@ class Rigid:
 
     def body_motion(self, track: SimulatedTrack, motion: DrivenMotion, edges: Array) -> BodyMotion:
         """The frame sits on its wheelsets: at their mean, along their chord, with the mean of their rolls."""
-        s = motion.distance(edges)
-        return through(edges, _deviation(track.line, s, _on_two(track, s, self.wheelbase_m)))
+        s, half_m = motion.distance(edges), 0.5 * self.wheelbase_m
+        wheelsets = Wheelsets(track, s, self.wheelbase_m)
+        pose = chord(wheelsets.at(half_m), wheelsets.at(-half_m)) if half_m else wheelsets.tangent()
+        return through(edges, _deviation(track.line, s, pose))
 
 
 @dataclass(frozen=True)
@@ -84,14 +86,6 @@ class CarBody:
         pose = chord(chord(*axles[:2]), chord(*axles[2:]))
         sprung = _springs(track.line, motion, edges, s, axles, self.suspension)
         return through(edges, _deviation(track.line, s, pose) + sprung)
-
-
-def _on_two(track: SimulatedTrack, s: Array, wheelbase_m: float) -> Array:
-    """Return pose of a frame on two wheelsets about the middle, in the level frame. Shape (n, 6)."""
-    wheelsets = Wheelsets(track, s, wheelbase_m)
-    if wheelbase_m == 0.0:
-        return wheelsets.tangent()
-    return chord(wheelsets.at(0.5 * wheelbase_m), wheelsets.at(-0.5 * wheelbase_m))
 
 
 def _deviation(line: Line, s: Array, pose: Array) -> Array:

@@ -66,13 +66,10 @@ def _overlay(runs: Sequence[RunOverSection], ends_m: tuple[float, float]) -> tup
         return (Text("No run covers this section."),)
     shares = np.linspace(0.0, 1.0, len(runs)) if len(runs) > 1 else np.ones(1)
     colours = {run.label: _colour(float(share)) for run, share in zip(runs, shares, strict=True)}
-    note = f"Each run lies at the chainage that its result gives it; the older it is, the fainter: {_named(runs)}."
+    span = runs[0].label if len(runs) == 1 else f"from {runs[0].label} to {runs[-1].label}"
+    note = f"Each run lies at the chainage that its result gives it; the older it is, the fainter: {span}."
     chart = runs_chart(colours, [run.geometry for run in runs], ends_m)
     return (Drawing(replace(chart, legend=len(runs) <= _MOST_NAMED), note=note),)
-
-
-def _named(runs: Sequence[RunOverSection]) -> str:
-    return runs[0].label if len(runs) == 1 else f"from {runs[0].label} to {runs[-1].label}"
 
 
 def _colour(share: float) -> str:
