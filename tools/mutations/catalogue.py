@@ -484,8 +484,8 @@ _GEOMETRY = (
             ),
             _one(
                 "a curve to the left has positive versines",
-                "-0.5 * behind_m * ahead_m * np",
-                "0.5 * behind_m * ahead_m * np",
+                "{0: 1.0, -p: -q / (p + q), q: -p / (p + q)}",
+                "{0: -1.0, -p: q / (p + q), q: p / (p + q)}",
             ),
         ),
     ),

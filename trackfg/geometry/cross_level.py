@@ -23,17 +23,6 @@ def cross_level(roll_rad: ArrayLike, base_m: float) -> Array:
     return np.asarray(base_m * np.sin(np.asarray(roll_rad, dtype=np.float64)))
 
 
-def roll_of_cross_level(cross_level_m: ArrayLike, base_m: float) -> Array:
-    """Return the track roll, rad: inverse of :func:`cross_level`. NaN where the cross-level exceeds the base."""
-    ratio = np.asarray(cross_level_m, dtype=np.float64) / base_m
-    return np.asarray(np.arcsin(np.where(np.abs(ratio) <= 1.0, ratio, np.nan)))
-
-
-def to_base(cross_level_m: ArrayLike, from_base_m: float, to_base_m: float) -> Array:
-    """Return the same track's cross-level over another base: ``base2/base1`` times as much, exactly."""
-    return np.asarray(np.asarray(cross_level_m, dtype=np.float64) * (to_base_m / from_base_m))
-
-
 def in_convention(
     cross_level_m: ArrayLike,
     convention: Convention,

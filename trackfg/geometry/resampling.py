@@ -97,11 +97,6 @@ def resampling_response(wavelength_m: ArrayLike, step_m: float = 0.25) -> Array:
     return np.asarray(taps[half] + 2.0 * (np.cos(phase) @ taps[half + 1 :]))
 
 
-def resampling_reach_m(step_m: float = 0.25) -> float:
-    """Return how far :func:`resample` looks to either side of a place, m."""
-    return len(_low_pass()) // 2 * step_m / _CELLS
-
-
 def _checked(chainage_m: ArrayLike, values: ArrayLike) -> tuple[Array, Array]:
     """Return places and values, sorted, without those that are NaN in a row."""
     place, value = np.asarray(chainage_m, dtype=np.float64), np.asarray(values, dtype=np.float64)

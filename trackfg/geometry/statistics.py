@@ -74,14 +74,6 @@ def sliding_sd(y: ArrayLike, step_m: float, length_m: float = 200.0) -> Array:
     return out
 
 
-def share_beyond(y: ArrayLike, threshold: float) -> Array:
-    """Return the share of values with ``|y| > threshold``. Shape (..., n) to (...); NaN for a row without values."""
-    y = np.asarray(y, dtype=np.float64)
-    counts = np.isfinite(y)
-    with np.errstate(invalid="ignore"):
-        return np.asarray((np.abs(y) > threshold).sum(axis=-1) / counts.sum(axis=-1))
-
-
 def peaks(chainage_m: ArrayLike, values: ArrayLike, limit: float | Array) -> pd.DataFrame:
     """Return the exceedances: one row per run of values of one sign with ``|x| > limit``, at its largest value.
 

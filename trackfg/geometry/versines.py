@@ -35,16 +35,6 @@ def versine_response(wavelength_m: ArrayLike, behind_m: float = 5.0, ahead_m: fl
     return np.asarray(1.0 - ends / chord)
 
 
-def versine_of_curvature(curvature_1pm: ArrayLike, behind_m: float = 5.0, ahead_m: float = 5.0) -> Array:
-    """Return the versine, m, of a circle that the whole chord lies on."""
-    return np.asarray(-0.5 * behind_m * ahead_m * np.asarray(curvature_1pm, dtype=np.float64))
-
-
-def curvature_of_versine(versine_m: ArrayLike, behind_m: float = 5.0, ahead_m: float = 5.0) -> Array:
-    """Return the curvature, 1/m, of the circle with this versine. Inverse of :func:`versine_of_curvature`."""
-    return np.asarray(np.asarray(versine_m, dtype=np.float64) / (-0.5 * behind_m * ahead_m))
-
-
 def uniformity_deviation(versines: ArrayLike, step_m: float, chord_m: float) -> Array:
     """Return versines less their uniformity, the mean of nine of them a quarter chord apart and centred (49 CFR
     213.327(a)).

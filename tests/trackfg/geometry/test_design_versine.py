@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from trackfg.geometry.design_versine import design_versine, design_versine_response, running_design_versine
-from trackfg.geometry.versines import versine, versine_of_curvature
+from trackfg.geometry.versines import versine
 
 STEP = 0.25
 
@@ -28,9 +28,7 @@ def test_the_design_explains_the_versines_of_its_own_line(curve: np.ndarray, beh
     y = np.concatenate([[0.0], np.cumsum(steps_of_y)])
     rest = versine(y, STEP, behind, ahead) - design_versine(curve, STEP, behind, ahead)
     assert np.nanmax(np.abs(rest)) < 1e-11
-    assert design_versine(curve, STEP, behind, ahead)[1500] == pytest.approx(
-        versine_of_curvature(1 / 400, behind, ahead), rel=1e-9
-    )
+    assert design_versine(curve, STEP, behind, ahead)[1500] == pytest.approx(-0.5 * behind * ahead / 400, rel=1e-9)
 
 
 @pytest.mark.parametrize("wavelength", [8.0, 13.0, 50.0, 300.0])

@@ -1,4 +1,4 @@
-"""Sections, sliding standard deviation, shares and peaks."""
+"""Sections, sliding standard deviation and peaks."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from trackfg.errors import BadInputError
-from trackfg.geometry.statistics import peaks, section_statistics, share_beyond, sliding_sd
+from trackfg.geometry.statistics import peaks, section_statistics, sliding_sd
 
 
 def test_sections_begin_at_whole_multiples() -> None:
@@ -52,11 +52,6 @@ def test_a_window_of_too_few_values_has_none() -> None:
     out = sliding_sd(y, 0.25, 5.0)
     assert out[15] == 0.0
     assert np.isnan(out[30:]).all()
-
-
-def test_shares() -> None:
-    np.testing.assert_allclose(share_beyond([[1.0, -4.0, 5.0, np.nan], [0.0, 0.0, 0.0, 9.0]], 3.0), [2 / 3, 1 / 4])
-    assert np.isnan(share_beyond([np.nan], 3.0))
 
 
 def test_peaks_are_one_per_run_and_sign() -> None:

@@ -10,14 +10,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from trackfg.errors import BadInputError
-from trackfg.geometry.versines import (
-    curvature_of_versine,
-    uniformity_deviation,
-    uniformity_deviation_response,
-    versine,
-    versine_of_curvature,
-    versine_response,
-)
+from trackfg.geometry.versines import uniformity_deviation, uniformity_deviation_response, versine, versine_response
 
 FOOT = 0.3048
 TABLE_M = (5, 6, 8, 10, 15, 20, 25, 30, 40, 50, 70, 100, 150, 200)
@@ -63,10 +56,6 @@ def test_a_left_hand_circle_reads_12500_over_radius_negative() -> None:
     circle = radius - np.sqrt(radius**2 - (x - 50.0) ** 2)  # to the left, positive
     measured = versine(circle, 0.25)[200]
     assert measured == pytest.approx(-12.5 / radius, rel=1e-4)
-    assert versine_of_curvature(1.0 / radius) == pytest.approx(-12.5 / radius)
-    assert versine_of_curvature(1.0, 9.4488, 9.4488) == pytest.approx(-44.64, abs=0.01)  # 62 ft
-    assert versine_of_curvature(1.0, 4.7244, 4.7244) == pytest.approx(-11.16, abs=0.01)  # 31 ft
-    assert curvature_of_versine(versine_of_curvature(2e-3, 2.5, 7.5), 2.5, 7.5) == pytest.approx(2e-3)
 
 
 def test_the_chord_must_fit_the_profile_and_the_step() -> None:
