@@ -30,15 +30,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from trackfg.errors import BadInputError
-from trackfg.geometry.convolution import convolve_inside
+from trackfg.geometry.convolution import convolve_inside, kernel_frequencies
 from trackfg.geometry.grid import wave_number
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.spans import true_runs
 
 _TAIL = 2e-5
 """The kernel is cut where the rest of it would add less than this to the response at the longest wavelength."""
-_PERIOD = 64
-"""The kernel is computed as if periodic, this many times the longest wavelength long."""
 _END_ERROR = 0.02
 """What the missing part of the kernel may do to a sine of any wavelength at an end, as a share of its amplitude. Chosen
 here."""
@@ -147,12 +145,11 @@ def _kernel(band: Band, step_m: float) -> Array:
     """Return ``K`` at the steps from ``-reach`` to ``reach``; its last eighth tapered, its sum zero."""
     if not 0.0 < step_m < band.shortest_m / 2.0:
         raise BadInputError(f"step_m is {step_m!r}; expected less than half of the band's {band.shortest_m:g} m")
-    count = 2 ** int(np.ceil(np.log2(_PERIOD * band.longest_m / step_m)))
-    frequency = np.fft.rfftfreq(count, step_m)
+    frequency = kernel_frequencies(band.longest_m, step_m)
     response = np.zeros(len(frequency))
     second_difference = -(2.0 - 2.0 * np.cos(2.0 * np.pi * frequency[1:] * step_m)) / step_m**2
     response[1:] = band_response(1.0 / frequency[1:], band) / second_difference
-    right = np.fft.irfft(response)[: count // 2]
+    right = np.fft.irfft(response)[: len(response) - 1]
     tail = 2.0 * np.cumsum(np.abs(right[::-1]))[::-1] * (2.0 * np.pi / band.longest_m) ** 2
     reach = int(np.argmax(tail < _TAIL))
     right = right[: reach + 1]

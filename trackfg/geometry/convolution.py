@@ -12,6 +12,8 @@ from trackfg.numerics.spans import true_runs
 
 _TAIL = 1e-3
 """Share of the absolute sum of a response's kernel beyond where it is cut."""
+_PERIOD = 64
+"""A kernel is computed as if periodic, this many times the longest wavelength long."""
 
 
 def convolve_inside(y: Array, kernel: Array) -> Array:
@@ -53,10 +55,15 @@ def convolve_runs(y: Array, kernel: Array) -> Array:
     return out
 
 
+def kernel_frequencies(longest_m: float, step_m: float) -> Array:
+    """Return the frequencies, 1/m from 0 on, at which a kernel for waves up to ``longest_m`` has its response."""
+    return np.fft.rfftfreq(2 ** int(np.ceil(np.log2(_PERIOD * longest_m / step_m))), step_m)
+
+
 def kernel_of_response(response: Array) -> Array:
     """Return the kernel of a real response, at the steps to either side of a place: symmetrical, cut, not writeable.
 
-    ``response`` stands at the frequencies of ``numpy.fft.rfftfreq``, of a period much longer than the kernel.
+    ``response`` stands at :func:`kernel_frequencies`.
     """
     right = np.fft.irfft(response)[: len(response) - 1]
     tail = np.cumsum(np.abs(right[::-1]))[::-1]

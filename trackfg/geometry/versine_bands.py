@@ -27,14 +27,12 @@ from numpy.typing import ArrayLike
 
 from trackfg.errors import BadInputError
 from trackfg.geometry.bands import BANDS, Band, band_response, band_variance
-from trackfg.geometry.convolution import convolve_runs, kernel_of_response
+from trackfg.geometry.convolution import convolve_runs, kernel_frequencies, kernel_of_response
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.chainage_grid import cells_of
 
 _LEAST_RESPONSE = 1e-5
 """Response of a band below which its waves are left out: a hundredth of a micrometre in a millimetre."""
-_PERIOD = 64
-"""The kernel is computed as if periodic, this many times the longest wavelength long."""
 
 
 def band_of_versine(versine: ArrayLike, step_m: float, chord_m: float, band: Band) -> Array:
@@ -80,8 +78,7 @@ def _sigma_ratio(chord_m: float, band: Band) -> float:
 @lru_cache(maxsize=16)
 def _kernel(step_m: float, chord_m: float, band: Band) -> Array:
     """Return the kernel ``K`` at the steps to either side of a place."""
-    count = 2 ** int(np.ceil(np.log2(_PERIOD * band.longest_m / step_m)))
-    frequency = np.fft.rfftfreq(count, step_m)
+    frequency = kernel_frequencies(band.longest_m, step_m)
     gain = np.zeros(len(frequency))
     gain[1:] = band_response(1.0 / frequency[1:], band)
     response = 1.0 - np.cos(np.pi * frequency * chord_m)

@@ -22,11 +22,9 @@ from numpy.typing import ArrayLike
 
 from trackfg.errors import BadInputError
 from trackfg.geometry.bands import Band, band_response
-from trackfg.geometry.convolution import convolve_runs, kernel_of_response
+from trackfg.geometry.convolution import convolve_runs, kernel_frequencies, kernel_of_response
 from trackfg.numerics.arrays import Array
 
-_PERIOD = 64
-"""The kernels are computed as if periodic, this many times the longest wavelength of the band or chord long."""
 _MOST_RATIO = 4.0
 """Of a chord to that of the table's versines: beyond it the errors of long waves grow more than 16 times. Chosen here:
 the longest chord of 49 CFR 213, 124 ft, is 3.8 times 10 m."""
@@ -87,8 +85,7 @@ def _undetermined(band: Band, from_m: float, chord_m: float) -> str:
 @lru_cache(maxsize=16)
 def _kernels(step_m: float, band: Band, from_m: float, chord_m: float) -> tuple[Array, Array]:
     """Return ``K_G`` and ``K_H`` at the steps to either side of a place."""
-    longest = max(band.longest_m, from_m, chord_m)
-    frequency = np.fft.rfftfreq(2 ** int(np.ceil(np.log2(_PERIOD * longest / step_m))), step_m)[1:]
+    frequency = kernel_frequencies(max(band.longest_m, from_m, chord_m), step_m)[1:]
     low = 1.0 / (1.0 + (frequency * band.shortest_m) ** 8)
     gain = band_response(1.0 / frequency, band)
     of_versine = 1.0 - np.cos(np.pi * frequency * from_m)
