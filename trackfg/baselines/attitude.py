@@ -27,7 +27,6 @@ from trackfg.numerics.passes import Pass, passes
 from trackfg.numerics.units import STANDARD_GRAVITY
 from trackfg.recording.model import Recording
 from trackfg.results.columns import GEOMETRY_COLUMNS
-from trackfg.results.events import no_events
 from trackfg.sensors.imu_intervals import Intervals, intervals
 from trackfg.sensors.standstills import find_standstills
 from trackfg.sensors.tach import Wheel, read_wheel
@@ -36,8 +35,6 @@ TWIST_BASE_M = 5.0
 """Base of the twist, m: the default of the smoother's results."""
 _PLACE_OVER_S = 0.5
 """Time over which the tachometer's distance is averaged, s; the module's docstring says what it costs."""
-_MAX_TACH_GAP_S = 2.0
-"""A longer silence of the tachometer while moving is a gap, s. Chosen here."""
 _AT_THE_START_S = 5.0
 """A standstill that begins within this time is that of the start, s. Chosen here."""
 _TILT_OVER_S = 1.0
@@ -84,9 +81,12 @@ class SampledMotion:
         return out
 
 
-def required_wheel(recording: Recording) -> Wheel:
-    """Return the wheel of a recording. Raises ``BadInputError`` where there is no tachometer."""
-    wheel = read_wheel(recording, _MAX_TACH_GAP_S)
+def required_wheel(recording: Recording, max_gap_s: float = 2.0) -> Wheel:
+    """Return the wheel of a recording; a silence in motion longer than ``max_gap_s``, chosen here, is a gap.
+
+    Raises ``BadInputError`` where there is no tachometer.
+    """
+    wheel = read_wheel(recording, max_gap_s)
     if wheel is None:
         raise BadInputError(f"{recording.description.id}: no tachometer; expected one, which tells place and speed")
     return wheel
@@ -106,7 +106,7 @@ def motion_of(recording: Recording, *, remove_static_bias: bool) -> SampledMotio
     bias, excess = np.zeros(3), 0.0
     if remove_static_bias and rested > 0.0:
         bias = data.gyro[rest].mean(axis=0)
-        excess = float(np.linalg.norm(data.accel[rest].mean(axis=0))) - _gravity(recording)
+        excess = float(np.linalg.norm(data.accel[rest].mean(axis=0))) - gravity_of(recording)
     distance, speed = _place_and_speed(t, wheel.at(t))
     return SampledMotion(
         t=t,
@@ -166,7 +166,6 @@ def tables(
         geometry=_geometry(recording, motion, attitude)
         if recording.description.imu.rigid
         else filled(GEOMETRY_COLUMNS, {}),
-        events=no_events(),
         parameters=parameters | shared,
     )
 
@@ -185,7 +184,7 @@ def _place_and_speed(t: Array, distance: Array) -> tuple[Array, Array]:
     return place, (distance[high] - distance[low]) / (t[high] - t[low])
 
 
-def _gravity(recording: Recording) -> float:
+def gravity_of(recording: Recording) -> float:
     """Return gravity at the recording's latitude, the standard one where that is not known."""
     latitude = recording.description.track.latitude_deg
     return STANDARD_GRAVITY if latitude is None else normal_gravity(latitude)

@@ -33,7 +33,7 @@ from trackfg.baselines.result import BaselineResult, filled, recorded
 from trackfg.baselines.slip_detection import Cycles, JerkRule, detections, read_cycles, start_point
 from trackfg.numerics.arrays import Array
 from trackfg.recording.model import Recording
-from trackfg.results.columns import EVENT_COLUMNS, GEOMETRY_COLUMNS, TRAJECTORY_COLUMNS
+from trackfg.results.columns import EVENT_COLUMNS, TRAJECTORY_COLUMNS
 from trackfg.results.events import no_events
 
 _SEARCH_S = 10.0
@@ -132,7 +132,6 @@ def run(
     return BaselineResult(
         name="composite positioning",
         trajectory=trajectory,
-        geometry=filled(GEOMETRY_COLUMNS, {}),
         events=_events(cycles, slips, position),
         parameters=recorded(p),
     )

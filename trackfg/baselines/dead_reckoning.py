@@ -22,12 +22,10 @@ import pandas as pd
 
 from trackfg.baselines.attitude import required_wheel
 from trackfg.baselines.complementary import complementary_roll, smoothing
-from trackfg.baselines.result import BaselineResult, filled, resampled_trajectory
+from trackfg.baselines.result import BaselineResult, resampled_trajectory
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.spans import within
 from trackfg.recording.model import Recording
-from trackfg.results.columns import GEOMETRY_COLUMNS
-from trackfg.results.events import no_events
 from trackfg.sensors.imu_intervals import intervals
 from trackfg.sensors.standstills import find_standstills
 from trackfg.sensors.starting_bias import rest_bias
@@ -75,8 +73,6 @@ def run(recording: Recording) -> BaselineResult:
     return BaselineResult(
         name="dead reckoning",
         trajectory=resampled_trajectory(t, columns),
-        geometry=filled(GEOMETRY_COLUMNS, {}),
-        events=no_events(),
         parameters={"rests": float(len(rests)), "rest_s": float(np.diff(rests, axis=1).sum())},
     )
 

@@ -48,7 +48,6 @@ from trackfg.numerics.arrays import Array
 from trackfg.numerics.units import KMH
 from trackfg.recording.model import Recording
 from trackfg.results.columns import GEOMETRY_COLUMNS
-from trackfg.results.events import no_events
 from trackfg.sensors.displacement import SIDES, RailView, rail_views
 
 Method = Literal["inertial", "difference", "conventional", "developed"]
@@ -130,7 +129,6 @@ def run(recording: Recording, **parameters: Any) -> BaselineResult:
         name=f"mid-chord {p.method}",
         trajectory=_trajectory(motion, recording.description.track.direction),
         geometry=_geometry(grid, versines),
-        events=no_events(),
         parameters=recorded(p),
     )
 

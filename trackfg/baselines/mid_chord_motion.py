@@ -32,15 +32,12 @@ import numpy as np
 from scipy.ndimage import uniform_filter1d
 from scipy.signal import lfilter
 
+from trackfg.baselines.attitude import gravity_of, required_wheel
 from trackfg.baselines.rest_zeros import held_since_rest
-from trackfg.errors import BadInputError
 from trackfg.numerics.arrays import Array
-from trackfg.numerics.geodesy import normal_gravity
-from trackfg.numerics.units import STANDARD_GRAVITY
 from trackfg.recording.model import Recording
 from trackfg.sensors.imu_intervals import intervals
 from trackfg.sensors.standstills import find_standstills
-from trackfg.sensors.tach import read_wheel
 
 _PASSES = 12
 """Roll and pitch act on one another by ``w_z T``, at most some 0.6: each pass leaves that part of the last error."""
@@ -73,15 +70,9 @@ def unit_motion(recording: Recording, *, attitude_time_s: float, speed_window_s:
 
     Raises ``BadInputError`` where there is no tachometer.
     """
-    wheel = read_wheel(recording, _MAX_TACH_GAP_S)
-    if wheel is None:
-        raise BadInputError(f"{recording.description.id}: no tachometer; expected one for speed and distance")
-    data = intervals(recording)
+    wheel, data, g = required_wheel(recording, _MAX_TACH_GAP_S), intervals(recording), gravity_of(recording)
     t, dt = 0.5 * (data.edges[1:] + data.edges[:-1]), data.durations
     distance, speed, gained = _by_wheel(wheel.at(t), float(np.median(dt)), speed_window_s)
-
-    latitude = recording.description.track.latitude_deg
-    g = STANDARD_GRAVITY if latitude is None else normal_gravity(latitude)
     rests = find_standstills(recording)
     gyro = data.gyro - held_since_rest(t, rests, data.gyro)
     accel = data.accel.copy()

@@ -38,15 +38,15 @@ from dataclasses import asdict, dataclass
 import numpy as np
 import pandas as pd
 
+from trackfg.baselines.attitude import required_wheel
 from trackfg.baselines.result import BaselineResult, filled
-from trackfg.errors import BadInputError
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.imm import Modes, ModeSteps, interacting_multiple_models, measured
 from trackfg.numerics.spans import true_runs
 from trackfg.recording.model import Recording
-from trackfg.results.columns import EVENT_COLUMNS, GEOMETRY_COLUMNS, TRAJECTORY_COLUMNS
+from trackfg.results.columns import EVENT_COLUMNS, TRAJECTORY_COLUMNS
 from trackfg.sensors.imu_intervals import intervals, means_around
-from trackfg.sensors.tach import Wheel, read_wheel
+from trackfg.sensors.tach import Wheel
 
 MODES = ("adhesion", "slip", "slide", "standstill")
 _S, _V, _A, _B, _C, _W = range(6)
@@ -85,10 +85,7 @@ def run(recording: Recording, *, parameters: OdometryParameters | None = None) -
     :class:`~trackfg.errors.BadInputError` without a tachometer.
     """
     p = parameters or OdometryParameters()
-    wheel = read_wheel(recording, _LONGEST_GAP_S)
-    if wheel is None:
-        raise BadInputError(f"{recording.description.id}: no tachometer; expected one, for odometry")
-    data = intervals(recording)
+    wheel, data = required_wheel(recording, _LONGEST_GAP_S), intervals(recording)
     t = np.arange(data.edges[0], data.edges[-1], p.step_s)
     force = means_around(t, p.step_s, data.edges, data.accel)[:, 0]
     modes = _filter(t, wheel, force, p)
@@ -104,7 +101,6 @@ def run(recording: Recording, *, parameters: OdometryParameters | None = None) -
     return BaselineResult(
         name="IMM odometry",
         trajectory=filled(TRAJECTORY_COLUMNS, known),
-        geometry=filled(GEOMETRY_COLUMNS, {}),
         events=_events(t, modes, direction),
         parameters=asdict(p),
     )

@@ -17,6 +17,7 @@ from trackfg.files.owned_folder import FolderKind
 from trackfg.files.parquet import write_parquet
 from trackfg.numerics.arrays import Array
 from trackfg.results.columns import EVENT_COLUMNS, GEOMETRY_COLUMNS, TRAJECTORY_COLUMNS
+from trackfg.results.events import no_events
 from trackfg.results.summary import versions
 
 if TYPE_CHECKING:
@@ -39,16 +40,17 @@ BASELINE_FOLDER = FolderKind("baseline's result", _HEAD, "trackfg-baseline/", FI
 
 @dataclass(frozen=True)
 class BaselineResult:
-    """``trajectory``, ``geometry`` and ``events`` have the columns of :mod:`trackfg.results.result`, NaN where the
-    system says nothing; sigmas only where it has any. ``parameters`` are those it ran with.
+    """The tables have the columns of :mod:`trackfg.results.result`, NaN where the system says nothing.
+
+    ``parameters`` are those it ran with.
 
     Raises ``ValueError`` for other columns.
     """
 
     name: str
     trajectory: pd.DataFrame
-    geometry: pd.DataFrame
-    events: pd.DataFrame
+    geometry: pd.DataFrame = field(default_factory=lambda: filled(GEOMETRY_COLUMNS, {}))
+    events: pd.DataFrame = field(default_factory=no_events)
     parameters: dict[str, float | str | bool] = field(default_factory=dict)
 
     def __post_init__(self) -> None:

@@ -24,6 +24,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from trackfg.baselines.attitude import required_wheel
 from trackfg.baselines.rest_zeros import held_since_rest
 from trackfg.errors import BadInputError
 from trackfg.numerics.arrays import Array
@@ -31,7 +32,6 @@ from trackfg.numerics.units import KMH
 from trackfg.recording.model import Recording
 from trackfg.sensors.imu_intervals import intervals, means_around
 from trackfg.sensors.standstills import find_standstills
-from trackfg.sensors.tach import read_wheel
 
 _MAX_TACH_GAP_S = 1.0
 """A longer silence of the tachometer while moving is a gap, s. Chosen here."""
@@ -73,10 +73,7 @@ def read_cycles(recording: Recording, *, cycle_s: float, average_s: float) -> Cy
     """Return the recording as the system sees it. Raises ``BadInputError`` without a tachometer, or for too short a
     record.
     """
-    wheel = read_wheel(recording, _MAX_TACH_GAP_S)
-    if wheel is None:
-        raise BadInputError(f"{recording.description.id}: no tachometer; expected one for distance")
-    data = intervals(recording)
+    wheel, data = required_wheel(recording, _MAX_TACH_GAP_S), intervals(recording)
     window = round(average_s / cycle_s)
     count = int((data.edges[-1] - data.edges[0]) / cycle_s + 1e-6)
     if count <= window:
