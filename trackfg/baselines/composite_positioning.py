@@ -27,7 +27,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from trackfg.baselines.curve_points import CurvePoints, Diagnostics, Sighting, find_curve
+from trackfg.baselines.curve_points import CurvePoints, find_curve
 from trackfg.baselines.gravity_compensated import Coasting, VehicleState, coast, readhesion, start_state
 from trackfg.baselines.result import BaselineResult, filled, recorded
 from trackfg.baselines.slip_detection import Cycles, JerkRule, detections, read_cycles, start_point
@@ -39,9 +39,6 @@ from trackfg.results.events import no_events
 _SEARCH_S = 10.0
 """How far back a start point may lie, s; where there is none, it is the setback itself. Assumed: the paper says no
 limit, and 10 s is as long as its bound of the error is for."""
-
-DIAGNOSTICS = Diagnostics()
-"""The paper's limits of a curve's sighting."""
 
 
 @dataclass(frozen=True)
@@ -72,22 +69,11 @@ class CompositeParameters:
         """Integrate the inertial sensor from a state."""
         eq12 = self.as_printed if self.eq12 is None else self.eq12
         return coast(
-            cycles,
-            start,
-            self.longest_s,
-            pitch_correction=self.pitch_correction,
-            eq12=eq12,
-            as_printed=self.as_printed,
+            cycles, start, self.longest_s, pitch_correction=self.pitch_correction, eq12=eq12, as_printed=self.as_printed
         )
 
 
-def run(
-    recording: Recording,
-    *,
-    curve_points: Sequence[CurvePoints] = (),
-    diagnostics: Diagnostics = DIAGNOSTICS,
-    **parameters: Any,
-) -> BaselineResult:
+def run(recording: Recording, *, curve_points: Sequence[CurvePoints] = (), **parameters: Any) -> BaselineResult:
     """Estimate chainage, speed and slips, ten rows a second; the trajectory's ``margin_m`` is the safety margin.
 
     ``parameters`` are fields of :class:`CompositeParameters`. Chainage starts so that the first balise comes out right,
@@ -123,7 +109,7 @@ def run(
     for slip in slips:
         slipping[slip.start : slip.final.cycle + 1] = True
     for curve in sorted(curve_points, key=lambda curve: direction * curve.enter_m):
-        position.look_for(curve, cycles, slipping, direction, diagnostics)
+        position.look_for(curve, cycles, slipping, direction)
 
     since = np.abs(distance - distance[position.set_at])
     trajectory = filled(
@@ -138,9 +124,9 @@ def run(
 
 
 def survey(recording: Recording, *, cycle_s: float = 0.1, average_s: float = 3.0) -> pd.DataFrame:
-    """Return ``chainage_m, curvature_1pm`` as the system itself measures them, every metre: what the paper's table of
-    curves is made of (:func:`trackfg.baselines.curve_points.curve_table`). Chainage is set at balises; slips are left
-    out.
+    """Return ``chainage_m, curvature_1pm`` as the system measures them, every metre: what a table of curves is made of.
+
+    Chainage is set at balises; slips are left out.
     """
     cycles = read_cycles(recording, cycle_s=cycle_s, average_s=average_s)
     result = run(recording, cycle_s=cycle_s, average_s=average_s)
@@ -158,8 +144,7 @@ def survey(recording: Recording, *, cycle_s: float = 0.1, average_s: float = 3.0
 
 @dataclass(frozen=True)
 class _Slip:
-    """One correction: the wheel's distance from the end of ``start.cycle`` to that of ``final.cycle`` is replaced by
-    ``distance``, its speed by ``speed``, one value per cycle, both ends included.
+    """One correction: ``distance`` and ``speed`` replace the wheel's, one value for each cycle from start to final.
 
     ``found``: a start point met the jerk rule. ``readhered``: it did not just run out of time.
     """
@@ -261,29 +246,23 @@ class _Position:
         self.chainage[i:until] += step
         self.set_at[i:until] = i
 
-    def look_for(
-        self, curve: CurvePoints, cycles: Cycles, slipping: np.ndarray, direction: int, limits: Diagnostics
-    ) -> None:
+    def look_for(self, curve: CurvePoints, cycles: Cycles, slipping: np.ndarray, direction: int) -> None:
         """Correct the position by a curve, from where its exit straight is checked to the next balise."""
         place, curvature = _measured_curvature(cycles, self.chainage, direction)
-        sighting = find_curve(curve, place, curvature, cycles.mean_speed, slipping, direction, limits)
+        sighting = find_curve(curve, place, curvature, cycles.mean_speed, slipping, direction)
         if sighting is None:
             return
-        self._note(curve, sighting)
+        kind = "curve refused" if sighting.refused else "curve used"
+        what = sighting.refused or f"position set by {sighting.correction_m:+.2f} m"
+        what = f"R {1.0 / abs(curve.curvature_1pm):.0f}, {what}"
+        self.rows.append((kind, float(self.t[sighting.left]), sighting.place_m, what))
         if not sighting.refused:
             ahead = np.flatnonzero(self.set_at > sighting.checked)
             self._set(sighting.checked, sighting.correction_m, int(ahead[0]) if ahead.size else None)
 
-    def _note(self, curve: CurvePoints, sighting: Sighting) -> None:
-        what = f"R {1.0 / abs(curve.curvature_1pm):.0f}, "
-        kind = "curve refused" if sighting.refused else "curve used"
-        what += sighting.refused or f"position set by {sighting.correction_m:+.2f} m"
-        self.rows.append((kind, float(self.t[sighting.left]), sighting.place_m, what))
-
 
 def _measured_curvature(cycles: Cycles, chainage: Array, direction: int) -> tuple[Array, Array]:
-    """Return places, m, and curvatures there facing increasing chainage, 1/m: over what was run in the time of an
-    average.
+    """Return places, m, and the curvatures facing increasing chainage, 1/m, over what was run during an average.
 
     Both (n,); the curvature is 0 where that is less than a metre.
     """

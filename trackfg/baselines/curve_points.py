@@ -29,6 +29,13 @@ from trackfg.numerics.arrays import Array
 from trackfg.numerics.spans import true_runs
 from trackfg.numerics.units import KMH
 
+_MARGIN = 0.2
+"""Share of the curve's value by which the lower limit is below it, and the upper one above."""
+_STRAIGHT_1PM, _LENGTH_TOLERANCE_M = 1.0 / 2000.0, 20.0
+"""Curvature that counts as straight, 1/m, and the tolerance of 3, m: assumed."""
+_SLOWEST_KMH, _SEARCH_M = 10.0, 100.0
+"""Least speed, km/h, and how far to either side a curve is looked for, m."""
+
 
 @dataclass(frozen=True)
 class CurvePoints:
@@ -49,20 +56,11 @@ class CurvePoints:
 
 
 @dataclass(frozen=True)
-class Diagnostics:
-    """Limits: ``margin`` above and below the curve's value, lengths in m, the slowest speed in km/h."""
-
-    margin: float = 0.2
-    straight_1pm: float = 1.0 / 2000.0
-    length_tolerance_m: float = 20.0
-    slowest_kmh: float = 10.0
-    search_m: float = 100.0
-
-
-@dataclass(frozen=True)
 class Sighting:
-    """What became of one curve: ``left`` is the sample at which its end was passed, ``checked`` that at which the exit
-    straight was; ``refused`` says why there is no ``correction_m``, and is empty if there is one.
+    """What became of one curve.
+
+    ``left``, ``checked``: samples at which its end and that of the exit straight's check were passed. ``refused``: why
+    there is no ``correction_m``; empty if there is one.
     """
 
     left: int
@@ -78,15 +76,13 @@ def curve_table(
     *,
     straight_m: float = 20.0,
     widest_radius_m: float = 600.0,
-    limits: Diagnostics | None = None,
 ) -> list[CurvePoints]:
     """Return the curves of a line that make good points, from its curvature (n,) over ascending chainage (n,).
 
     Those sharper than ``widest_radius_m``, to one side only, with ``straight_m`` of straight before and after. The
     value of a curve is the median of what is within 10 % of its peak.
     """
-    limits = limits or Diagnostics()
-    bends = true_runs(np.abs(curvature_1pm) >= limits.straight_1pm)
+    bends = true_runs(np.abs(curvature_1pm) >= _STRAIGHT_1PM)
     points = []
     for n, (first, stop) in enumerate(bends):
         entry, leaving = float(chainage_m[first]), float(chainage_m[stop - 1])
@@ -97,11 +93,11 @@ def curve_table(
             continue
         size = np.abs(bend)
         value = float(np.median(size[size >= 0.9 * size.max()]))
-        crossings = true_runs(size >= (1.0 - limits.margin) * value)
+        level = (1.0 - _MARGIN) * value
+        crossings = true_runs(size >= level)
         if value < 1.0 / widest_radius_m or len(crossings) != 1:
             continue
         i, j = first + crossings[0][0], first + crossings[0][1] - 1
-        level = (1.0 - limits.margin) * value
         points.append(
             CurvePoints(
                 start_m=entry - straight_m,
@@ -123,21 +119,18 @@ def find_curve(
     speed: Array,
     slipping: np.ndarray,
     direction: int,
-    limits: Diagnostics,
 ) -> Sighting | None:
-    """Look for a curve where the odometer says it should be, ``search_m`` to either side; None if the run passed no
-    such curve there (or only part of it).
+    """Look for a curve about where the odometer says it should be; None if the run did not pass all of it there.
 
     ``place`` (n,) is the odometer's chainage, m; ``curvature`` (n,) 1/m facing increasing chainage; ``speed`` m/s and
     ``slipping``, of bool. A run against increasing chainage enters where the table has the curve's end.
     """
-    ends = curve.start_m - limits.search_m, curve.end_m + limits.search_m
-    rows = np.flatnonzero((place >= ends[0]) & (place <= ends[1]))
+    rows = np.flatnonzero((place >= curve.start_m - _SEARCH_M) & (place <= curve.end_m + _SEARCH_M))
     if rows.size < 3:
         return None
     rows = np.arange(rows[0], rows[-1] + 1)
     size = curvature[rows] * np.sign(curve.curvature_1pm)
-    limit = (1.0 - limits.margin) * abs(curve.curvature_1pm)
+    limit = (1.0 - _MARGIN) * abs(curve.curvature_1pm)
     above = true_runs(np.abs(size) >= limit)
     if len(above) == 0:
         return None
@@ -148,29 +141,25 @@ def find_curve(
     travelled = direction * place[rows]
     enter = _crossing(travelled, np.abs(size), i - 1, limit)
     leave = _crossing(travelled, np.abs(size), j, limit)
-    straight = np.abs(size) < limits.straight_1pm
+    straight = np.abs(size) < _STRAIGHT_1PM
     before, after = true_runs(straight[:i]), j + 1 + true_runs(straight[j + 1 :])
     entry = float(travelled[before[-1][1] - 1] - travelled[before[-1][0]]) if len(before) else 0.0
     leaving = float(travelled[after[0][1] - 1] - travelled[after[0][0]]) if len(after) else 0.0
     straights = (curve.entry_m - curve.start_m, curve.end_m - curve.exit_m)
     needed_before, needed_after = straights if direction > 0 else straights[::-1]
 
-    reached = travelled >= (travelled[after[0][0]] if len(after) else travelled[j]) + needed_after
+    reached = travelled >= travelled[after[0][0] if len(after) else j] + needed_after
     checked = int(rows[np.argmax(reached)]) if reached.any() else int(rows[-1])
-    began = int(
-        rows[
-            np.searchsorted(travelled, (travelled[before[-1][1] - 1] if len(before) else travelled[i]) - needed_before)
-        ]
-    )
-    way = slice(began, checked + 1)
+    began = np.searchsorted(travelled, travelled[before[-1][1] - 1 if len(before) else i] - needed_before)
+    way = slice(int(rows[began]), checked + 1)
     reasons = [
         (entry < needed_before, f"entry straight of {entry:.0f} m"),
         (size[i : j + 1].mean() < 0.0, "curve to the other side"),
-        (np.abs(size).max(initial=0.0) > (1.0 + limits.margin) * abs(curve.curvature_1pm), "curvature above the limit"),
-        (abs(leave - enter - curve.length_m) > limits.length_tolerance_m, f"length of {leave - enter:.0f} m"),
+        (np.abs(size).max(initial=0.0) > (1.0 + _MARGIN) * abs(curve.curvature_1pm), "curvature above the limit"),
+        (abs(leave - enter - curve.length_m) > _LENGTH_TOLERANCE_M, f"length of {leave - enter:.0f} m"),
         (leaving < needed_after, f"exit straight of {leaving:.0f} m"),
         (bool(slipping[way].any()), "slip or slide on the way"),
-        (float(speed[way].min()) < limits.slowest_kmh * KMH, "too slow"),
+        (float(speed[way].min()) < _SLOWEST_KMH * KMH, "too slow"),
     ]
     known = curve.leave_m if direction > 0 else curve.enter_m
     return Sighting(

@@ -11,7 +11,7 @@ import pytest
 
 from trackfg.baselines import composite_positioning
 from trackfg.baselines.composite_positioning import survey
-from trackfg.baselines.curve_points import CurvePoints, Diagnostics, curve_table, find_curve
+from trackfg.baselines.curve_points import CurvePoints, curve_table, find_curve
 from trackfg.baselines.gravity_compensated import VehicleState, coast, start_state
 from trackfg.baselines.result import BaselineResult
 from trackfg.baselines.slip_detection import Cycles, JerkRule, read_cycles, start_point
@@ -202,7 +202,7 @@ def look(
     """Correction and reason of refusal."""
     way = slice(None, None, direction)
     slips = np.full(len(place), slipping)
-    found = find_curve(CURVE, place[way], curvature[way], np.full(len(place), speed), slips, direction, Diagnostics())
+    found = find_curve(CURVE, place[way], curvature[way], np.full(len(place), speed), slips, direction)
     assert found is not None
     return found.correction_m, found.refused
 
@@ -238,7 +238,7 @@ def test_no_correction_while_slipping_or_below_10_kmh() -> None:
 
 def test_no_curve_no_sighting() -> None:
     place = np.arange(700.0, 1150.0, 2.0)
-    none = find_curve(CURVE, place, np.zeros(225), np.full(225, 20.0), np.zeros(225, dtype=bool), 1, Diagnostics())
+    none = find_curve(CURVE, place, np.zeros(225), np.full(225, 20.0), np.zeros(225, dtype=bool), 1)
     assert none is None
 
 
