@@ -74,7 +74,7 @@ def _curves_of(pieces: Sequence[Cells]) -> list[Curve]:
     groups = [_group(chain, line.stretch(k, noise)) for line in lines for k, chain in enumerate(line.chains)]
     fits = [group for group in groups if group is not None]
     weights = law_weights([group.trial for group in fits])
-    fits = [group.relawed(w) for group, w in zip(fits, weights, strict=True)]
+    fits = [replace(group, trial=with_likeliest_laws(group.trial, w)) for group, w in zip(fits, weights, strict=True)]
     weights = law_weights([group.trial for group in fits])
     curves = [curve for group, w in zip(fits, weights, strict=True) for curve in _curves(group, w)]
     return [replace(curve, id=number) for number, curve in enumerate(curves, start=1)]
@@ -90,10 +90,6 @@ class Group:
 
     trial: LawTrial
     cants: Fit | None
-
-    def relawed(self, weights: Array) -> Group:
-        """Return the group by the likeliest laws."""
-        return replace(self, trial=with_likeliest_laws(self.trial, weights))
 
 
 def _group(chain: CurveChain, stretch: Stretch) -> Group | None:
@@ -185,10 +181,6 @@ def _kind(chain: CurveChain, level: int) -> CurveKind:
     reverse = (joined_at_begin and chain.curvature[level - 2] * chain.curvature[level] < 0.0) or (
         joined_at_end and chain.curvature[level + 2] * chain.curvature[level] < 0.0
     )
-    kinds: dict[tuple[bool, bool], CurveKind] = {
-        (False, False): "simple",
-        (True, False): "compound part",
-        (False, True): "reverse part",
-        (True, True): "compound and reverse part",
-    }
-    return kinds[compound, bool(reverse)]
+    if reverse:
+        return "compound and reverse part" if compound else "reverse part"
+    return "compound part" if compound else "simple"

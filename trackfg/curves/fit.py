@@ -92,7 +92,7 @@ def fitted(chain: CurveChain, stretch: Stretch) -> Fit:
     """Fit places and levels of a chain to a stretch, from the given ones on (Levenberg-Marquardt)."""
     scales = _scales(chain, stretch)
     x = chain.parameters[: len(scales)]
-    r, j = _residuals(chain, stretch)
+    r, j = whitened_residuals(chain, stretch)
     j *= scales
     chi2, damping, idle = float(r @ r), _DAMPED, 0
     for _ in range(_EVALUATIONS):
@@ -101,7 +101,7 @@ def fitted(chain: CurveChain, stretch: Stretch) -> Fit:
         step = np.linalg.solve(normal + np.diag(damping * size), -gradient)
         promised = -float(step @ (2.0 * gradient + normal @ step))
         candidate = chain.with_parameters(x + scales * step)
-        candidate_r, candidate_j = _residuals(candidate, stretch)
+        candidate_r, candidate_j = whitened_residuals(candidate, stretch)
         gained = chi2 - float(candidate_r @ candidate_r)
         if gained >= 0.0:
             chain, x, r, j, chi2 = candidate, x + scales * step, candidate_r, candidate_j * scales, chi2 - gained
@@ -144,10 +144,10 @@ def _cant_disturbances(chain: CurveChain, tilt: Observed, stretch: Stretch, *, f
         with_cants = _with_cants(chain, tilt, stretch.tilt_edges)
         if free:
             fit = fitted(with_cants, replace(stretch, turn=None, tilt=tilt))
-            r, slopes = _residuals(fit.chain, fit.stretch)
+            r, slopes = whitened_residuals(fit.chain, fit.stretch)
         else:
             model, by_all = tilts(with_cants, stretch.tilt_edges)
-            r, slopes = tilt.white(tilt.increments.measured - model), tilt.white(by_all[:, len(chain.places) :])
+            r, slopes = tilt.white @ (tilt.increments.measured - model), tilt.white @ by_all[:, len(chain.places) :]
         gain, candidate = tilt.most_disturbed(r, slopes)
         if gain < DISTURBED_FROM or candidate.increments.disturbances > len(r) // 10:
             return tilt, float(r @ r) + PER_DISTURBANCE * tilt.increments.disturbances
@@ -155,15 +155,10 @@ def _cant_disturbances(chain: CurveChain, tilt: Observed, stretch: Stretch, *, f
 
 
 def _with_cants(chain: CurveChain, tilt: Observed, tilt_edges: Array) -> CurveChain:
-    slopes = tilt.white(tilts(chain, tilt_edges)[1][:, len(chain.places) :])
+    slopes = tilt.white @ tilts(chain, tilt_edges)[1][:, len(chain.places) :]
     cant = chain.cant.copy()
-    cant[chain.curved] = np.linalg.lstsq(slopes, tilt.white(tilt.increments.measured), rcond=1e-10)[0]
+    cant[chain.curved] = np.linalg.lstsq(slopes, tilt.white @ tilt.increments.measured, rcond=1e-10)[0]
     return replace(chain, cant=cant)
-
-
-def regressors(chain: CurveChain, stretch: Stretch) -> tuple[Array, Array]:
-    """Return whitened residuals (n,) and their derivatives (n, parameters) at the chain as it is."""
-    return _residuals(chain, stretch)
 
 
 def _scales(chain: CurveChain, stretch: Stretch) -> Array:
@@ -172,7 +167,8 @@ def _scales(chain: CurveChain, stretch: Stretch) -> Array:
     return np.repeat(_SCALES, counts)
 
 
-def _residuals(chain: CurveChain, stretch: Stretch) -> tuple[Array, Array]:
+def whitened_residuals(chain: CurveChain, stretch: Stretch) -> tuple[Array, Array]:
+    """Return whitened residuals (n,) and their derivatives (n, parameters) at the chain as it is."""
     p, c = len(chain.places), len(chain.curved)
     counts = (0 if observed is None else len(observed.increments.measured) for observed in (stretch.turn, stretch.tilt))
     ends = np.cumsum([0, *counts])
@@ -180,12 +176,12 @@ def _residuals(chain: CurveChain, stretch: Stretch) -> tuple[Array, Array]:
     slopes = np.zeros((ends[-1], p + c * (1 if stretch.tilt is None else 2)))
     if stretch.turn is not None:
         turn, by_turn = turns(chain, stretch.edges)
-        r[: ends[1]] = stretch.turn.white(turn - stretch.turn.increments.measured)
-        slopes[: ends[1], : p + c] = stretch.turn.white(by_turn)
+        r[: ends[1]] = stretch.turn.white @ (turn - stretch.turn.increments.measured)
+        slopes[: ends[1], : p + c] = stretch.turn.white @ by_turn
     if stretch.tilt is not None:
         tilt, by_tilt = tilts(chain, stretch.tilt_edges)
-        white = stretch.tilt.white(by_tilt)
-        r[ends[1] :] = stretch.tilt.white(tilt - stretch.tilt.increments.measured)
+        white = stretch.tilt.white @ by_tilt
+        r[ends[1] :] = stretch.tilt.white @ (tilt - stretch.tilt.increments.measured)
         slopes[ends[1] :, :p] = white[:, :p]
         slopes[ends[1] :, p + c :] = white[:, p:]
     return r, slopes

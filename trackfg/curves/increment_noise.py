@@ -53,17 +53,6 @@ _LEAST_CUTOFF, _GREATEST_CUTOFF = 0.01 * np.pi, 0.9 * np.pi
 
 
 @dataclass(frozen=True)
-class Whitener:
-    """The whitener turns noise into independent numbers of variance 1. ``matrix`` (n, n) is lower triangular."""
-
-    matrix: Array
-
-    def __call__(self, increments: Array) -> Array:
-        """Return whitened increments. Shape (n,) or (n, k) to the same."""
-        return np.asarray(self.matrix @ increments)
-
-
-@dataclass(frozen=True)
 class IncrementNoise:
     """The parameters of the noise of increments.
 
@@ -76,24 +65,23 @@ class IncrementNoise:
     cutoff: float
     theta: float
 
-    def whitener(self, known: Array, disturbed: Array | None = None) -> Whitener:
-        """Return the whitener of a stretch of increments.
+    def whitener(self, known: Array, disturbed: Array) -> Array:
+        """Return the lower triangle (n, n) that makes independent numbers of variance 1 of a stretch of increments.
 
         ``known`` (n,): variances of the walk besides its own. ``disturbed`` (n + 1,): variances of disturbances of
         cells' means.
         """
-        covariance = self.covariance(known, disturbed)
-        factor = np.linalg.cholesky(covariance)
-        return Whitener(np.asarray(dtrtri(factor, lower=1)[0]))
+        factor = np.linalg.cholesky(self.covariance(known, disturbed))
+        return np.asarray(dtrtri(factor, lower=1)[0])
 
-    def covariance(self, known: Array, disturbed: Array | None = None) -> Array:
+    def covariance(self, known: Array, disturbed: Array) -> Array:
         """Return the covariance (n, n) of such a stretch."""
         n = len(known)
         lags = np.abs(np.arange(n)[:, None] - np.arange(n))
         out: Array = self.autocovariance(n)[lags]
-        out[np.arange(n), np.arange(n)] += known
-        if disturbed is not None and np.any(disturbed):
-            diagonal = np.arange(n)
+        diagonal = np.arange(n)
+        out[diagonal, diagonal] += known
+        if np.any(disturbed):
             out[diagonal, diagonal] += disturbed[1:] + disturbed[:-1]
             out[diagonal[1:], diagonal[:-1]] -= disturbed[1:-1]
             out[diagonal[:-1], diagonal[1:]] -= disturbed[1:-1]

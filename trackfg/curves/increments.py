@@ -15,7 +15,7 @@ from functools import cached_property
 
 import numpy as np
 
-from trackfg.curves.increment_noise import IncrementNoise, Whitener
+from trackfg.curves.increment_noise import IncrementNoise
 from trackfg.numerics.arrays import Array
 
 DISTURBED_FROM, PER_DISTURBANCE = 25.0, 15.0
@@ -77,8 +77,8 @@ class Observed:
     noise: IncrementNoise
 
     @cached_property
-    def white(self) -> Whitener:
-        """The whitener of the increments."""
+    def white(self) -> Array:
+        """The matrix (n, n) that whitens the increments."""
         # What says nothing must not drown the rest in rounding.
         most = _SILENT * self.noise.level
         known, between = (np.minimum(v, most) for v in (self.increments.known, self.increments.between))
@@ -90,7 +90,7 @@ class Observed:
         ``residuals`` (n,) are whitened, of a fit with the whitened derivatives ``slopes`` (n, p).
         """
         n = len(residuals)
-        steps = self.white.matrix
+        steps = self.white
         cells = np.zeros((n, n + 1))
         cells[:, 1:] += steps
         cells[:, :-1] -= steps
@@ -125,7 +125,7 @@ class Observed:
         """
         observed = self
         for _ in range(len(residuals) // 10):
-            gain, candidate = observed.most_disturbed(observed.white(residuals), observed.white(slopes))
+            gain, candidate = observed.most_disturbed(observed.white @ residuals, observed.white @ slopes)
             if gain < DISTURBED_FROM:
                 break
             observed = candidate

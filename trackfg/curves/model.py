@@ -80,9 +80,7 @@ class CurveChain:
 
     def curvature_at(self, x: Array) -> Array:
         """Return the curvature at places (n,), 1/m."""
-        return self._at(x, self.curvature)
-
-    def _at(self, x: Array, levels: Array) -> Array:
+        levels = self.curvature
         out = np.full(len(x), levels[0])
         for i, law in enumerate(self.laws):
             b, e = self.places[self.begin[i]], self.places[self.end[i]]

@@ -34,7 +34,7 @@ from trackfg.curves.chain_edits import (
     with_law,
     with_level,
 )
-from trackfg.curves.fit import Fit, Stretch, regressors
+from trackfg.curves.fit import Fit, Stretch, whitened_residuals
 from trackfg.curves.increments import DISTURBED_FROM, PER_DISTURBANCE
 from trackfg.curves.model import CurveChain, step_turns
 from trackfg.curves.refit import refitted
@@ -136,9 +136,7 @@ def _costs_less(fit: Fit, than: Fit) -> bool:
 def _pruned(best: Fit) -> Fit:
     """Return the fit without the levels and transitions that it does not need, and with the lengths that it does."""
     for _ in range(2 * len(best.chain.straight)):
-        candidate = _first_lower(best, opened(best.chain))
-        if candidate is best:
-            candidate = _first_lower(best, _reduced(best))
+        candidate = _first_lower(best, itertools.chain(opened(best.chain), _reduced(best)))
         if candidate is best:
             return best
         best = candidate
@@ -204,7 +202,7 @@ def _undisturbed(fit: Fit) -> Fit:
     for _ in range(len(fit.stretch.edges) // 10):
         if fit.stretch.turn is None:
             break
-        gain, turn = fit.stretch.turn.most_disturbed(*regressors(fit.chain, fit.stretch.without_tilt()))
+        gain, turn = fit.stretch.turn.most_disturbed(*whitened_residuals(fit.chain, fit.stretch.without_tilt()))
         if _to_scale(gain, fit) < DISTURBED_FROM or gain < _step_gains(fit)[1].max(initial=0.0):
             break
         candidate = refitted(fit.chain, replace(fit.stretch, turn=turn))
@@ -240,7 +238,7 @@ def _straight_costs_less(fit: Fit, stretch: Stretch) -> bool:
     points = fit.chain.points
     if all((fit.chain.straight[0], fit.chain.straight[-1])) and points[-1] - points[0] < _SHORT_CURVE_M:
         turn = turn.undisturbed(turn.increments.measured, np.zeros((len(turn.increments.measured), 0)))
-    chi2 = float(np.sum(turn.white(turn.increments.measured) ** 2))
+    chi2 = float(np.sum((turn.white @ turn.increments.measured) ** 2))
     return chi2 / fit.scale + PER_DISTURBANCE * turn.increments.disturbances < fit.chi2 / fit.scale + _price(fit)
 
 
@@ -279,8 +277,8 @@ def _step_gains(fit: Fit) -> tuple[Array, Array]:
     at = edges[(edges > low) & (edges < high)]
     if not at.size or fit.stretch.turn is None:
         return at, np.zeros(len(at))
-    r, j = regressors(chain, fit.stretch.without_tilt())
-    g = fit.stretch.turn.white(step_turns(at, edges))
+    r, j = whitened_residuals(chain, fit.stretch.without_tilt())
+    g = fit.stretch.turn.white @ step_turns(at, edges)
     q = np.linalg.qr(j)[0]
     g -= q @ (q.T @ g)
     return at, (g.T @ r) ** 2 / np.maximum(np.einsum("ij,ij->j", g, g), 1e-300)

@@ -29,12 +29,10 @@ from trackfg.numerics.arrays import Array
 TransitionLaw = Literal["clothoid", "half-sine", "sine", "bloss", "helmert"]
 LAWS: tuple[TransitionLaw, ...] = ("clothoid", "half-sine", "sine", "bloss", "helmert")
 
-_PI = np.pi
-
 SPREAD: dict[TransitionLaw, float] = {
     "clothoid": float(np.sqrt(1.0 / 12.0)),
-    "half-sine": float(np.sqrt(0.25 - 2.0 / _PI**2)),
-    "sine": float(np.sqrt(1.0 / 12.0 - 0.5 / _PI**2)),
+    "half-sine": float(np.sqrt(0.25 - 2.0 / np.pi**2)),
+    "sine": float(np.sqrt(1.0 / 12.0 - 0.5 / np.pi**2)),
     "bloss": float(np.sqrt(1.0 / 20.0)),
     "helmert": float(np.sqrt(1.0 / 24.0)),
 }
@@ -55,14 +53,14 @@ def _helmert(u: Array) -> tuple[Array, Array, Array]:
 _INSIDE: dict[TransitionLaw, Callable[[Array], tuple[Array, Array, Array]]] = {
     "clothoid": lambda u: (u, 0.5 * u**2, u**3 / 6.0),
     "half-sine": lambda u: (
-        0.5 * (1.0 - np.cos(_PI * u)),
-        0.5 * u - np.sin(_PI * u) / (2.0 * _PI),
-        0.25 * u**2 - (1.0 - np.cos(_PI * u)) / (2.0 * _PI**2),
+        0.5 * (1.0 - np.cos(np.pi * u)),
+        0.5 * u - np.sin(np.pi * u) / (2.0 * np.pi),
+        0.25 * u**2 - (1.0 - np.cos(np.pi * u)) / (2.0 * np.pi**2),
     ),
     "sine": lambda u: (
-        u - np.sin(2.0 * _PI * u) / (2.0 * _PI),
-        0.5 * u**2 - (1.0 - np.cos(2.0 * _PI * u)) / (4.0 * _PI**2),
-        u**3 / 6.0 - u / (4.0 * _PI**2) + np.sin(2.0 * _PI * u) / (8.0 * _PI**3),
+        u - np.sin(2.0 * np.pi * u) / (2.0 * np.pi),
+        0.5 * u**2 - (1.0 - np.cos(2.0 * np.pi * u)) / (4.0 * np.pi**2),
+        u**3 / 6.0 - u / (4.0 * np.pi**2) + np.sin(2.0 * np.pi * u) / (8.0 * np.pi**3),
     ),
     "bloss": lambda u: (3.0 * u**2 - 2.0 * u**3, u**3 - 0.5 * u**4, 0.25 * u**4 - 0.1 * u**5),
     "helmert": _helmert,

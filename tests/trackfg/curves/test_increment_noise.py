@@ -39,7 +39,7 @@ def test_whitened_noise_is_white() -> None:
     of_cells = np.diff(np.eye(COUNT + 1), axis=0)
     lags = np.abs(np.subtract.outer(np.arange(COUNT), np.arange(COUNT)))
     covariance = NOISE.autocovariance(COUNT)[lags] + np.diag(known) + of_cells @ np.diag(disturbed) @ of_cells.T
-    white = NOISE.whitener(known, disturbed)(np.eye(COUNT))
+    white = NOISE.whitener(known, disturbed)
     np.testing.assert_allclose(white @ covariance @ white.T, np.eye(COUNT), atol=1e-9)
 
 
@@ -51,7 +51,7 @@ def test_increments_not_measured_do_not_matter() -> None:
     other[10:20] += 5.0
     other[29:31] += [5.0, -5.0]
     whitener = NOISE.whitener(known, disturbed)
-    assert np.sum(whitener(increments) ** 2) == pytest.approx(np.sum(whitener(other) ** 2), rel=1e-4)
+    assert np.sum((whitener @ increments) ** 2) == pytest.approx(np.sum((whitener @ other) ** 2), rel=1e-4)
 
 
 def test_parameters_are_found_again() -> None:

@@ -14,7 +14,8 @@ NOTHING = np.zeros((COUNT, 0))
 
 
 def observed(added: np.ndarray, seed: int = 0) -> Observed:
-    noise = np.linalg.cholesky(NOISE.covariance(np.zeros(COUNT))) @ np.random.default_rng(seed).standard_normal(COUNT)
+    root = np.linalg.cholesky(NOISE.covariance(np.zeros(COUNT), np.zeros(COUNT + 1)))
+    noise = root @ np.random.default_rng(seed).standard_normal(COUNT)
     return Observed(CellIncrements(noise + added, np.zeros(COUNT), np.zeros(COUNT + 1), least=1.0), NOISE)
 
 
@@ -59,4 +60,4 @@ def test_what_says_nothing_may_be_anything(value: float) -> None:
     known = np.zeros(COUNT)
     known[20] = np.inf
     white = Observed(CellIncrements(np.zeros(COUNT), known, np.zeros(COUNT + 1), least=1.0), NOISE).white
-    assert np.sum(white(np.eye(COUNT)[20]) ** 2) * min(value, 1.0) ** 2 < 1e-5
+    assert np.sum((white @ np.eye(COUNT)[20]) ** 2) * min(value, 1.0) ** 2 < 1e-5
