@@ -148,20 +148,20 @@ class InertialFactors(Outlined):
     def linearize(self, states: States) -> LinearFactors:
         """Return all factors linearised at ``states``: rows (n - 1, 9, 25) of rotation, position and velocity."""
         if not compiled_kernels():
-            return linearize_imu_factors(self.graph, states.inertial_to_gtsam())
+            return linearize_imu_factors(self.graph, states.inertial_values)
         return LinearFactors(_slots(len(self.measured)), self._rows(states, Kind.NAV.dim * 2 + Kind.BIAS.dim + 1))
 
     def costs(self, states: States) -> Array:
         """Return half the square of each factor's whitened residual at ``states``, shape (n - 1,)."""
         if not compiled_kernels():
-            values = states.inertial_to_gtsam()
+            values = states.inertial_values
             return np.array([self.graph.at(k).error(values) for k in range(self.graph.size())])
         return np.asarray(0.5 * np.sum(self._rows(states, 1) ** 2, axis=(1, 2)))
 
     def cost(self, states: States) -> float:
         """Return the sum of the costs of all factors at ``states``."""
         if not compiled_kernels():
-            return float(self.graph.error(states.inertial_to_gtsam()))
+            return float(self.graph.error(states.inertial_values))
         return float(np.sum(self.costs(states)))
 
     @cached_property

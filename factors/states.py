@@ -236,12 +236,9 @@ class States(Outlined):
         shared = np.concatenate([vectors(self.of(kind)).ravel() for kind in (*SHARED, Kind.SENSOR)])
         return _zero(len(self), len(self.sensor)).retract(Step(keyframes, shared).to_gtsam())
 
-    def inertial_to_gtsam(self) -> gtsam.Values:
-        """Return the variables that inertial factors touch, alone. They are kept, and must not be changed."""
-        return self._inertial_values
-
     @cached_property
-    def _inertial_values(self) -> gtsam.Values:
+    def inertial_values(self) -> gtsam.Values:
+        """The variables that inertial factors touch, alone. They are kept, and must not be changed."""
         nav = np.concatenate([so3_log(self.nav.R), self.nav.p, self.nav.v], axis=1)
         at_zero = _few_at_zero if len(self) <= _SHORT else _many_at_zero
         return at_zero(len(self)).retract(_vectors({Kind.NAV: nav, Kind.BIAS: self.bias}))
@@ -286,10 +283,6 @@ class Step(Outlined):
     def to_gtsam(self) -> gtsam.VectorValues:
         """Return the step as ``gtsam.Values.retract`` takes it."""
         return _vectors({kind: self.of(kind) for kind in Kind})
-
-    def inertial_to_gtsam(self) -> gtsam.VectorValues:
-        """Return the same for the variables of :meth:`States.inertial_to_gtsam`."""
-        return _vectors({kind: self.of(kind) for kind in (Kind.NAV, Kind.BIAS)})
 
 
 def _vectors(tangents: Mapping[Kind, Array]) -> gtsam.VectorValues:

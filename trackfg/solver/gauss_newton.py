@@ -95,7 +95,7 @@ class Solution(KeyFigures):
     @property
     def values(self) -> gtsam.Values:
         """The states that inertial factors touch, as GTSAM has them."""
-        return self.states.inertial_to_gtsam()
+        return self.states.inertial_values
 
 
 class _Stop(NamedTuple):
