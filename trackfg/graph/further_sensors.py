@@ -61,37 +61,35 @@ _SLOW_MPS = 2.0
 
 
 class FurtherSensor(NamedTuple):
-    """A sensor with the ``name`` of its table, its ``part`` of the description, and the index of its ``variable``."""
+    """A sensor has a table's ``name``, a ``part`` of the description, a ``variable``, by its index, and a ``kind``."""
 
     name: str
     part: Table
     variable: int
+    kind: SensorKind
 
 
 def further_sensors(description: RecordingDescription) -> list[FurtherSensor]:
     """Return the further sensors in the order of their variables."""
     named = [
-        (f"{kind.table}/{number}", part)
+        (f"{kind.table}/{number}", part, kind)
         for kind in KINDS
         for number, part in enumerate(getattr(description, kind.key), start=kind.first)
     ]
-    return [FurtherSensor(name, part, index) for index, (name, part) in enumerate(named)]
+    return [FurtherSensor(name, part, index, kind) for index, (name, part, kind) in enumerate(named)]
 
 
 def sensor_priors(description: RecordingDescription, config: SmoothConfig) -> Iterator[Family]:
     """Yield what is known of each further sensor beforehand."""
     for sensor in further_sensors(description):
-        sigma = np.array([_kind(sensor).prior_sd(sensor.part, config)])
+        sigma = np.array([sensor.kind.prior_sd(sensor.part, config)])
         yield prior(Kind.SENSOR, np.array([sensor.variable]), np.zeros((1, Kind.SENSOR.dim)), sigma)
 
 
 def measures_speed(recording: Recording) -> bool:
     """Return whether a sensor of the speed over ground has rows."""
-    return any(len(recording.others.get(sensor.name, ())) > 1 for sensor in _speeds(recording))
-
-
-def _speeds(recording: Recording) -> list[FurtherSensor]:
-    return [sensor for sensor in further_sensors(recording.description) if isinstance(sensor.part, Speed)]
+    sensors = further_sensors(recording.description)
+    return any(len(recording.others.get(one.name, ())) > 1 for one in sensors if isinstance(one.part, Speed))
 
 
 def with_distance_by_speed(recording: Recording) -> Recording:
@@ -121,11 +119,7 @@ def _sorted(t: Array, values: Array) -> tuple[Array, Array]:
 
 def further_distances(inputs: GraphInputs) -> list[Family]:
     """Return the families of the further sensors, one per sensor, those without rows empty."""
-    return [_kind(sensor).family(inputs, sensor) for sensor in further_sensors(inputs.recording.description)]
-
-
-def _kind(sensor: FurtherSensor) -> SensorKind:
-    return next(kind for kind in KINDS if sensor.name.startswith(f"{kind.table}/"))
+    return [sensor.kind.family(inputs, sensor) for sensor in further_sensors(inputs.recording.description)]
 
 
 def _tach(inputs: GraphInputs, sensor: FurtherSensor) -> Family:
