@@ -303,11 +303,8 @@ def _spacing(recording: Recording, config: SmoothConfig) -> KeyframeConfig:
 
 
 def _required_times(recording: Recording, gaps: Array, rests: Array) -> Array:
-    times = [gaps.ravel()]
-    if recording.fixes is not None:
-        times.append(recording.fixes["t_s"].to_numpy())
-    if recording.balises is not None:
-        times.append(recording.balises["t_s"].to_numpy())
+    passed = (table for table in (recording.fixes, recording.balises) if table is not None)
+    times = [gaps.ravel(), *(table["t_s"].to_numpy() for table in passed)]
     if recording.gnss is not None:
         gnss = recording.gnss["t_s"].to_numpy()
         times.append(gnss[~within(gnss, rests)])

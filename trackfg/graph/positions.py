@@ -11,6 +11,7 @@ from trackfg.factors.loss import Cauchy, Huber, Loss
 from trackfg.factors.odometry import absolute_fix
 from trackfg.graph.inputs import GraphInputs
 from trackfg.graph.keyframes import nearest
+from trackfg.numerics.arrays import Array
 from trackfg.recording.description import Gnss
 
 
@@ -29,10 +30,7 @@ def positions(inputs: GraphInputs) -> list[Family]:
 
 def _gnss(inputs: GraphInputs, gnss: pd.DataFrame, description: Gnss, loss: Loss | None) -> Family:
     config = inputs.config
-    t = gnss["t_s"].to_numpy()
-    inside = (t >= inputs.data.edges[0]) & (t <= inputs.data.edges[-1])
-    t, table = t[inside], gnss[inside]
-    index = nearest(inputs.t, t)
+    table, t, index = _during_run(inputs, gnss)
     lever = np.array(description.lever_arm_m) - inputs.lever_arm
     # n readings of an error with correlation time tau tell as much as n dt / (2 tau) independent ones.
     interval = float(np.median(np.diff(t))) if t.size > 1 else np.inf
@@ -42,13 +40,17 @@ def _gnss(inputs: GraphInputs, gnss: pd.DataFrame, description: Gnss, loss: Loss
     return gnss_position(index, position, lever, t - inputs.t[index], sigma, loss)
 
 
+def _during_run(inputs: GraphInputs, table: pd.DataFrame) -> tuple[pd.DataFrame, Array, np.ndarray]:
+    """Return the rows within the inertial record, their times (m,), s, and the keyframes nearest to them (m,)."""
+    table = table[table["t_s"].between(inputs.data.edges[0], inputs.data.edges[-1])]
+    t = table["t_s"].to_numpy()
+    return table, t, nearest(inputs.t, t)
+
+
 def _fixes(inputs: GraphInputs, loss: Loss | None) -> Family:
     fixes = inputs.recording.fixes
     assert fixes is not None
-    t = fixes["t_s"].to_numpy()
-    inside = (t >= inputs.data.edges[0]) & (t <= inputs.data.edges[-1])
-    t, table = t[inside], fixes[inside]
-    index = nearest(inputs.t, t)
+    table, t, index = _during_run(inputs, fixes)
     carried = np.interp(t, inputs.path.t, inputs.path.speed) * (t - inputs.t[index])
     distance = inputs.recording.description.track.direction * table["chainage_m"].to_numpy() - carried
     return absolute_fix(index, distance, table[["chainage_sd_m"]].to_numpy(), loss)
