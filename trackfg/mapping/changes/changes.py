@@ -89,15 +89,7 @@ def changes(
 
     Raises ``ValueError`` for a ``to_map`` that does not rise, or another number of sigmas than rows.
     """
-    over = overlay(
-        run,
-        grid,
-        to_map=to_map,
-        shift_sd_m=shift_sd_m,
-        step_m=conventions.step_m,
-        twist_base_m=conventions.twist_base_m,
-        twist_anchor=conventions.twist_anchor,
-    )
+    over = overlay(run, grid, conventions=conventions, to_map=to_map, shift_sd_m=shift_sd_m)
     stated = stated_sigmas(over, conventions.chord_m)
     shift, shift_sd = residual_shift(over, stated)
     alike = _like_a_millimetre(conventions)

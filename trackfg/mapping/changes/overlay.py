@@ -12,9 +12,11 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
-from trackfg.geometry.twist import Anchor, twist
+from trackfg.geometry.twist import twist
 from trackfg.numerics.arrays import Array
+from trackfg.numerics.chainage_grid import cells_of
 from trackfg.numerics.splines import spline_through
+from trackfg.results.summary import GeometryConventions
 
 QUANTITIES = (
     "curvature_1pm",
@@ -25,7 +27,6 @@ QUANTITIES = (
     "versine_alignment_mm",
 )
 """Columns that are compared."""
-
 
 SUMMARY_M = 200.0
 """Length of line, m, that a row of a summary table covers."""
@@ -71,13 +72,13 @@ def overlay(
     run: pd.DataFrame,
     grid: pd.DataFrame,
     *,
+    conventions: GeometryConventions,
     to_map: Callable[[Array], Array],
     shift_sd_m: Array,
-    step_m: float,
-    twist_base_m: float,
-    twist_anchor: Anchor = "behind",
 ) -> Overlay:
     """Lay ``run``, a result's geometry, over ``grid``, a map's. ``shift_sd_m`` has a value per row of ``run``.
+
+    ``conventions`` are those of both.
 
     Raises ``ValueError`` where ``to_map`` does not rise all along the run, or for sigmas of another number than rows.
     """
@@ -87,15 +88,13 @@ def overlay(
     on_map = np.asarray(to_map(chainage), dtype=np.float64)
     if not (np.isfinite(on_map).all() and np.all(np.diff(on_map) > 0.0)):
         raise ValueError("to_map: expected finite chainages of the map that rise with those of the run")
-    cells = np.rint(grid["chainage_m"].to_numpy() / step_m).astype(np.int64)
-    both = np.zeros(0, dtype=np.int64)
+    step_m = conventions.step_m
+    whole = without_gaps(grid, step_m, conventions)
+    cells, both = whole.index.to_numpy(), np.zeros(0, dtype=np.int64)
     if cells.size and on_map.size:
         first = max(int(cells[0]), int(np.ceil(on_map[0] / step_m)))
         both = np.arange(first, min(int(cells[-1]), int(np.floor(on_map[-1] / step_m))) + 1)
-    every = np.arange(cells[0], cells[-1] + 1) if cells.size else both
-    along = np.asarray(every * step_m, dtype=np.float64)
-    whole = grid.set_index(cells).reindex(every).astype(np.float64)
-    whole["twist_mm"] = twist(whole["cross_level_mm"].to_numpy(), step_m, twist_base_m, twist_anchor)
+    along = np.asarray(cells * step_m, dtype=np.float64)
     places = np.asarray(both * step_m, dtype=np.float64)
     run_chainage = np.interp(places, on_map, chainage) if both.size else places
     return Overlay(
@@ -109,3 +108,13 @@ def overlay(
         run_splines={name: spline_through(chainage, run[name].to_numpy(dtype=np.float64)) for name in QUANTITIES},
         grid_splines={name: spline_through(along, whole[name].to_numpy()) for name in QUANTITIES},
     )
+
+
+def without_gaps(grid: pd.DataFrame, step_m: float, twists: GeometryConventions) -> pd.DataFrame:
+    """Return a map's grid with twist, and a row for each cell from the first to the last; the index counts cells."""
+    cells = cells_of(grid, step_m)
+    every = np.arange(cells[0], cells[-1] + 1) if cells.size else cells
+    whole = grid.set_index(cells).reindex(every).astype(np.float64)
+    level = whole["cross_level_mm"].to_numpy()
+    whole["twist_mm"] = twist(level, step_m, twists.twist_base_m, twists.twist_anchor)
+    return whole

@@ -16,14 +16,14 @@ import numpy as np
 import pandas as pd
 
 from trackfg.errors import BadInputError
-from trackfg.geometry.twist import twist
 from trackfg.mapping.changes.find import find_changes
-from trackfg.mapping.changes.overlay import SUMMARY_M
+from trackfg.mapping.changes.overlay import SUMMARY_M, without_gaps
 from trackfg.mapping.joining.build import JoinableRun
 from trackfg.mapping.trends.drift import FEWEST_RUNS
 from trackfg.mapping.trends.wear import DAY_S
 from trackfg.maps.feature_map import FeatureMap
 from trackfg.numerics.arrays import Array
+from trackfg.numerics.chainage_grid import cells_of
 from trackfg.numerics.key_figures import Outlined
 from trackfg.results.result import Result
 from trackfg.results.summary import Summary
@@ -86,21 +86,17 @@ def series(results: Sequence[Result | JoinableRun], feature_map: FeatureMap) -> 
     if (different := len({date for date, *_ in seen})) < FEWEST_RUNS:
         reasons = "".join(f"; {reason}" for reason in left_out.values())
         raise BadInputError(f"{different} runs of different dates; a trend needs at least {FEWEST_RUNS}{reasons}")
-    grid, step = feature_map.grid, feature_map.conventions.step_m
-    cells = np.rint(grid["chainage_m"].to_numpy() / step).astype(np.int64)
-    every = np.arange(cells[0], cells[-1] + 1)
-    on_map = grid.set_index(cells).reindex(every)
     meanings = [result.summary.geometry for result in results]
     if len(bases := {meaning.twist_base for meaning in meanings}) > 1:
         raise BadInputError(f"runs with twists over {', '.join(sorted(bases))}; expected one base")
-    base_m, anchor = meanings[0].twist_base_m, meanings[0].twist_anchor
-    on_map["twist_mm"] = twist(on_map["cross_level_mm"].to_numpy(dtype=np.float64), step, base_m, anchor)
-    shape = len(seen), every.size
+    step = feature_map.conventions.step_m
+    on_map = without_gaps(feature_map.grid, step, meanings[0])
+    every, shape = on_map.index.to_numpy(), (len(seen), len(on_map))
     values, sd = ({name: np.full(shape, np.nan) for name in QUANTITIES} for _ in range(2))
     for row, (_, _, change, _) in enumerate(seen):
-        places = np.rint(change["chainage_m"].to_numpy() / step).astype(np.int64) - every[0]
+        places = cells_of(change, step) - every[0]
         for name in QUANTITIES:
-            values[name][row, places] = on_map[name].to_numpy(dtype=np.float64)[places] + change[name].to_numpy()
+            values[name][row, places] = on_map[name].to_numpy()[places] + change[name].to_numpy()
             sd[name][row, places] = change[f"{name}_sd"].to_numpy()
     dates, runs, _, sensors = zip(*seen, strict=True)
     return Series(runs, dates, every * step, step, values, sd, sensors), left_out

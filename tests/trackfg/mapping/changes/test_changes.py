@@ -303,10 +303,9 @@ def test_the_shift_is_known_as_well_as_it_says(seed: int) -> None:
     over = overlay(
         seen(shape_of(seed), 200 + seed, shift=shift),
         grid_of(seen(shape_of(seed), 300 + seed)),
+        conventions=CONVENTIONS,
         to_map=same,
         shift_sd_m=np.full(CELLS, 0.3),
-        step_m=STEP,
-        twist_base_m=5.0,
     )
     sigma = {name: np.sqrt(2.0) * over.run_column(f"{name}_sd") for name in ALIGNED_BY}
     found, sd = residual_shift(over, sigma)
@@ -318,9 +317,7 @@ def test_the_shift_is_known_as_well_as_it_says(seed: int) -> None:
 def test_a_shift_without_track_to_tell_it_stays_unknown(grid: pd.DataFrame) -> None:
     """Where the map has a hole, as before."""
     part = grid[(grid["chainage_m"] < 1000.0) | (grid["chainage_m"] > 1400.0)].reset_index(drop=True)
-    over = overlay(
-        seen(shape_of(0), 1), part, to_map=same, shift_sd_m=np.full(CELLS, 0.2), step_m=STEP, twist_base_m=5.0
-    )
+    over = overlay(seen(shape_of(0), 1), part, conventions=CONVENTIONS, to_map=same, shift_sd_m=np.full(CELLS, 0.2))
     sigma = {name: np.sqrt(2.0) * over.run_column(f"{name}_sd") for name in ALIGNED_BY}
     shift, sd = residual_shift(over, sigma)
     middle = over.chainage == 1200.0
