@@ -63,26 +63,18 @@ class Drift(Outlined):
     runs: Array
 
 
-def drift(
-    t: Array,
-    y: Array,
-    sd: Array,
-    *,
-    threshold: Array | float,
-    at: float | None = None,
-    offsets: Array | None = None,
-) -> Drift:
+def drift(t: Array, y: Array, sd: Array, *, threshold: Array | float, offsets: Array | None = None) -> Drift:
     """Fit the drift of values ``y`` (n, m) with sigmas ``sd`` at ascending times ``t`` (n,); NaN: not known.
 
-    ``threshold``: sigmas from which a step or an outlier is one, for all or for each value (n, m). ``at``: time of the
-    value, the last if None. ``offsets``: further columns (n, m, k), whose effect the value leaves out.
+    ``threshold``: sigmas from which a step or an outlier is one, for all or for each value (n, m). ``offsets``: further
+    columns (n, m, k), whose effect the value leaves out.
 
     Places with fewer values than :data:`FEWEST_RUNS` at different times get NaN. Raises ``ValueError`` for times that
     fall.
     """
     if np.any(np.diff(t) < 0.0):
         raise ValueError("t: expected ascending times")
-    at = float(t[-1]) if at is None else at
+    at = float(t[-1])
     known = np.isfinite(y) & np.isfinite(sd) & (sd > 0.0)
     enough = different_times(t, known) >= FEWEST_RUNS
     offsets = np.zeros((*y.shape, 0)) if offsets is None else offsets
