@@ -196,11 +196,7 @@ def _moved(relation: Relation, a: pd.DataFrame, b: pd.DataFrame) -> pd.DataFrame
             }
         )
         tables.append(table[np.isfinite(change)])
-    order = {mark: row for row, mark in enumerate(both["landmark_id"])}
-    moved = pd.concat(tables, ignore_index=True)
-    rows = np.argsort([order[mark] for mark in moved["landmark_id"]], kind="stable")
-    in_order: pd.DataFrame = moved.iloc[rows].reset_index(drop=True)
-    return in_order
+    return pd.concat(tables).sort_index(kind="stable", ignore_index=True)
 
 
 def _sections(relation: Relation, a: pd.DataFrame, b: pd.DataFrame) -> pd.DataFrame:
@@ -210,13 +206,11 @@ def _sections(relation: Relation, a: pd.DataFrame, b: pd.DataFrame) -> pd.DataFr
     for quantity in GRID_QUANTITIES:
         change = b[quantity].to_numpy() - a[quantity].to_numpy()
         known = np.isfinite(change)
-        if not known.any():
-            continue
         sd = _sigma(relation, a[f"{quantity}_sd"].to_numpy(), b[f"{quantity}_sd"].to_numpy())
         ratio = _in_sigmas(change, sd)[known]
         change, place = change[known], chainage[known]
         section = np.floor(place / SUMMARY_M)
-        starts = np.flatnonzero(np.r_[True, np.diff(section) > 0])
+        starts = np.flatnonzero(np.diff(section, prepend=-np.inf) > 0)
         cells = np.diff(np.r_[starts, section.size])
         largest = _first_largest(np.abs(change), starts, cells)
         tables.append(
@@ -235,24 +229,7 @@ def _sections(relation: Relation, a: pd.DataFrame, b: pd.DataFrame) -> pd.DataFr
                 }
             )
         )
-    if not tables:
-        return pd.DataFrame(columns=list(SECTION_COLUMNS))
     return pd.concat(tables).sort_values("start_m", kind="stable", ignore_index=True)
-
-
-SECTION_COLUMNS = (
-    "start_m",
-    "end_m",
-    "quantity",
-    "cells",
-    "mean",
-    "rms",
-    "largest",
-    "largest_at_m",
-    "rms_sigmas",
-    "largest_sigmas",
-)
-"""Columns of ``Difference.sections``."""
 
 
 def _first_largest(size: Array, starts: np.ndarray, cells: np.ndarray) -> np.ndarray:
