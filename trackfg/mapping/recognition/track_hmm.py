@@ -20,7 +20,7 @@ given by track and point alone, so sums over all ways that lead to it (Rabiner, 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -85,17 +85,6 @@ class LineError:
         return np.asarray(np.hypot(self.sd_m * np.sqrt(1.0 - self.correlation(distance_m) ** 2), self.rough_sd_m))
 
 
-class Hypotheses(NamedTuple):
-    """The hypotheses at one point: rows of its feet, the probability of each with a line that is right and with one
-    that is wrong (k,), and of a place off all tracks.
-    """
-
-    rows: slice
-    right: Array
-    wrong: Array
-    absent: float
-
-
 @dataclass(frozen=True)
 class TrackPosterior:
     """The most probable place at each point, and how probable it is: all arrays have shape (n,).
@@ -119,33 +108,23 @@ def track_posterior(points: Points, feet: Feet, network: TrackNetwork, error: Li
     forward = [trellis.start()]
     for step in steps:
         forward.append(_normalised(_log_sum(forward[-1][:, None] + step, axis=0)))
+    row, right, wrong, absent = np.full(n, -1), np.zeros(n), np.zeros(n), np.zeros(n)
+    of_track: list[dict[str, float]] = [{} for _ in range(n)]
     backward = np.zeros(len(forward[-1]))
-    hypotheses: list[Hypotheses] = []
     for j in range(n - 1, -1, -1):
         probability = np.exp(_normalised(forward[j] + backward))
-        k = (len(probability) - 1) // 2
-        rows = slice(*trellis.edges[j : j + 2].tolist())
-        hypotheses.append(Hypotheses(rows, probability[:k], probability[k:-1], float(probability[-1])))
+        first, stop = trellis.edges[j : j + 2].tolist()
+        if_right, if_wrong = probability[: stop - first], probability[stop - first : -1]
+        wrong[j], absent[j] = if_wrong.sum(), probability[-1]
+        for piece, p in zip(feet.piece[first:stop].tolist(), (if_right + if_wrong).tolist(), strict=True):
+            track = network.track[piece]
+            of_track[j][track] = of_track[j].get(track, 0.0) + p
+        if stop > first:
+            best = int(np.argmax(if_right + if_wrong))
+            row[j], place = first + best, feet.place[first:stop]
+            right[j] = if_right[np.linalg.norm(place - place[best], axis=1) < _SAME_PLACE_M].sum()
         if j:
             backward = _normalised(_log_sum(steps[j - 1] + backward, axis=1))
-    return _summed(hypotheses[::-1], feet, network)
-
-
-def _summed(hypotheses: list[Hypotheses], feet: Feet, network: TrackNetwork) -> TrackPosterior:
-    n = len(hypotheses)
-    row, right, wrong, absent = np.full(n, -1), np.zeros(n), np.zeros(n), np.ones(n)
-    of_track: list[dict[str, float]] = []
-    for j, at in enumerate(hypotheses):
-        absent[j], wrong[j] = at.absent, float(at.wrong.sum())
-        tracks: dict[str, float] = {}
-        for piece, p in zip(feet.piece[at.rows].tolist(), (at.right + at.wrong).tolist(), strict=True):
-            tracks[network.track[piece]] = tracks.get(network.track[piece], 0.0) + p
-        of_track.append(tracks)
-        if len(at.right):
-            best = int(np.argmax(at.right + at.wrong))
-            row[j] = at.rows.start + best
-            place = feet.place[at.rows]
-            right[j] = float(at.right[np.linalg.norm(place - place[best], axis=1) < _SAME_PLACE_M].sum())
     return TrackPosterior(row, right, wrong, absent, of_track)
 
 
