@@ -21,7 +21,6 @@ WGS_84 = 4326
 """EPSG number of longitude and latitude of WGS 84."""
 _PIECE_M = 1000.0
 """Length of a piece of the line, m."""
-_LINE_COLUMNS = ("from_m", "to_m")
 
 
 @dataclass(frozen=True, repr=False)
@@ -101,7 +100,7 @@ def layers(feature_map: FeatureMap) -> tuple[Layer, Layer]:
             "Centre line of the newest version; M is the chainage in m",
             "LINESTRING",
             georeferenced,
-            pd.DataFrame(spans, columns=list(_LINE_COLUMNS)),
+            pd.DataFrame(spans, columns=["from_m", "to_m"]),
             tuple(pieces),
         ),
     )

@@ -166,7 +166,7 @@ def part_of_run(survey: Survey, run_id: str, result: Result, place: str | None =
     }
     return Part(
         conventions=conventions,
-        grid=profile[["chainage_m", *_merged_columns()]],
+        grid=profile[["chainage_m", *(column for name in MERGED for column in (name, f"{name}_sd")), "observations"]],
         line=_line_seen(survey, result, facts, to_map),
         origin=survey.origin or facts.origin,
         information={run_id: information},
@@ -209,10 +209,6 @@ def _sensor(run_id: str, facts: RunFacts, cross_level_base_m: float) -> Sensor |
     if facts.mount_roll_sd_rad == 0.0:
         return None
     return Sensor(sensor_name(facts.imu_id, run_id), None, facts.direction * cross_level_base_m)
-
-
-def _merged_columns() -> list[str]:
-    return [*(column for name in MERGED for column in (name, f"{name}_sd")), "observations"]
 
 
 def _place(survey: Survey, run_id: str, result: Result, facts: RunFacts) -> tuple[Warp, Recognition | None]:

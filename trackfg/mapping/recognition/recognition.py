@@ -283,8 +283,7 @@ def _recognition(
             "cross_level_bias_mm": matches.cross_level_bias_mm,
             "cross_level_bias_mm_sd": matches.cross_level_bias_mm_sd,
             "used": (probability > SURE) & (matches.sd_m < _GREATEST_SD_M),
-        },
-        columns=list(COLUMNS),
+        }
     )
     ordered = table.sort_values("run_m", ignore_index=True)
     return Recognition(ordered, float(probability.max()), _found_after(so_far, float(length)))

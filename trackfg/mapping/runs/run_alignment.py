@@ -128,6 +128,5 @@ def _shifts(found: Recognition, name: str, section_m: float) -> pd.DataFrame:
             "shift_m": used["run_m"].to_numpy() - reference,
             "shift_m_sd": used["match_sd_m"].to_numpy(),
             "probability": used["probability"].to_numpy(),
-        },
-        columns=list(SHIFT_COLUMNS),
+        }
     )
