@@ -45,9 +45,7 @@ def _across(nav: Nav, place: Array, normal: Array, lever_arm: Array) -> tuple[Ar
 
 
 class OnLine(NamedTuple):
-    """Keyframes (m,) have feet on a centre line: ``place`` (m, 2) in plan, m, and ``normal`` (m, 2), the line's unit
-    normal to the left there.
-    """
+    """Keyframes (m,) have a foot on a centre line at ``place`` (m, 2), m, and its left ``normal`` there (m, 2)."""
 
     keyframe: np.ndarray
     place: Array

@@ -65,9 +65,7 @@ class Kind(Enum):
         """Of :class:`States`."""
 
     def keys(self, index: np.ndarray) -> np.ndarray:
-        """Return GTSAM keys of variables ``index``: the symbol's letter in the top byte, as ``gtsam.symbol`` makes
-        them.
-        """
+        """Return GTSAM keys of variables ``index``, as ``gtsam.symbol`` makes them: the letter in the top byte."""
         return (np.uint64(ord(self.letter)) << np.uint64(56)) | np.asarray(index, dtype=np.uint64)
 
 
@@ -82,9 +80,7 @@ SHARED_DIM = sum(kind.dim for kind in SHARED)
 
 @cache
 def offset_in_keyframe(kind: Kind) -> int:
-    """Return where ``kind`` starts in the stacked tangent of one keyframe, which the shared variables follow: the first
-    of several.
-    """
+    """Return where ``kind`` starts in the stacked tangent of one keyframe, which the shared variables follow."""
     if kind is Kind.SENSOR:
         return KEYFRAME_DIM + SHARED_DIM
     if kind.shared:

@@ -47,10 +47,11 @@ _PASS_STEP_S = 1.0
 
 @dataclass(frozen=True)
 class SampledMotion:
-    """n samples: time ``t`` and duration ``dt``, s; ``gyro`` rad/s less ``static_bias`` (3,); ``accel`` m/s^2, (n, 3),
-    less ``excess``, m/s^2, of its z axis; signed nominal ``distance``, m, and ``speed``, m/s, of the wheel; ``start``
-    (n,) of bool, the samples of the standstill at the start, or of the first second where there is none;
-    ``standstill_s``, how long that standstill is.
+    """The samples (n,) are at times ``t`` and last ``dt``, s.
+
+    ``gyro`` rad/s less ``static_bias`` (3,); ``accel`` m/s^2 less ``excess`` of its z axis; signed nominal
+    ``distance``, m, and ``speed``, m/s, of the wheel; ``start`` (n,) of bool: those of the standstill at the start,
+    ``standstill_s`` long, or of the first second where there is none.
     """
 
     t: Array
@@ -70,11 +71,7 @@ class SampledMotion:
         return float(np.median(self.dt))
 
     def without_centripetal(self) -> Array:
-        """Return specific force less ``w x v`` of the forward speed v, ``(0, v wz, -v wy)``: in a curve ``v^2/R``
-        sideways.
-
-        Shape (n, 3), m/s^2.
-        """
+        """Return specific force less ``w x v`` of the forward speed v, ``(0, v wz, -v wy)``, m/s^2 (n, 3)."""
         out = self.accel.copy()
         out[:, 1] -= self.speed * self.gyro[:, 2]
         out[:, 2] += self.speed * self.gyro[:, 1]
@@ -133,9 +130,7 @@ def roll_and_pitch(accel: Array) -> tuple[Array, Array]:
 
 @dataclass(frozen=True)
 class Attitude:
-    """What a baseline says at every sample, (n,) each: ``roll``, rad; ``cross_level``, m, left of the *vehicle* higher
-    positive; ``pitch`` and the sigmas of roll and pitch, rad, where it has any.
-    """
+    """Attitude at every sample, (n,) each, rad; ``cross_level``, m, left of the *vehicle* higher positive."""
 
     roll: Array
     cross_level: Array
@@ -151,8 +146,7 @@ def tables(
     attitude: Attitude,
     parameters: dict[str, float | str | bool],
 ) -> BaselineResult:
-    """Return the result: trajectory at 10 Hz, cross-level and twist per 0.25 m of chainage, the longest pass over a
-    place.
+    """Return trajectory at 10 Hz, and cross-level and twist per 0.25 m by the longest pass over each place.
 
     The sigma of the cross-level is ``base`` times that of the roll. A sensor on springs has a roll of its own: its
     geometry is empty.
@@ -171,9 +165,7 @@ def tables(
 
 
 def _place_and_speed(t: Array, distance: Array) -> tuple[Array, Array]:
-    """Return mean and slope of the distance, m and m/s, over ``_PLACE_OVER_S`` around each sample, less near the
-    ends.
-    """
+    """Return mean and slope of the distance, m and m/s, over ``_PLACE_OVER_S`` about samples, less near the ends."""
     n = len(t)
     half = max(1, round(0.5 * _PLACE_OVER_S / float(np.median(np.diff(t)))))
     i = np.arange(n)
@@ -191,9 +183,7 @@ def gravity_of(recording: Recording) -> float:
 
 
 def _standstill_at_start(recording: Recording, data: Intervals) -> Array:
-    """Return start and end, s, of the standstill that the run begins with; both the start of the run where it has
-    none.
-    """
+    """Return start and end, s, of the standstill that the run begins with; without one both are the run's start."""
     start = data.edges[0]
     spans = find_standstills(recording)
     if len(spans) and spans[0, 0] <= start + _AT_THE_START_S:

@@ -108,8 +108,7 @@ def accelerometer_roll(accel: Array) -> Array:
 
 
 def complementary_roll(r: Array, turned: Array, alpha: float, start: float) -> Array:
-    """Return equation (4), rad, from the accelerometer's angles ``r`` and the angles ``turned`` (omega dt) of every
-    sample.
+    """Return equation (4), rad, from each sample's angle ``r`` by the accelerometer and ``turned`` (omega dt).
 
     Both (n,), rad; ``start`` is theta before the first sample.
     """

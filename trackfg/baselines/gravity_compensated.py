@@ -40,9 +40,7 @@ from trackfg.numerics.units import KMH, STANDARD_GRAVITY
 
 @dataclass(frozen=True)
 class Coasting:
-    """Cycles ``start`` to ``start + n - 1``: ``speed``, m/s, and ``distance``, m, by integration, from the state at the
-    first; ``pitch`` nose-up and ``roll`` left up, rad. Shapes (n,).
-    """
+    """``speed``, m/s, ``distance``, m, ``pitch`` nose-up, ``roll`` left up, rad, from cycle ``start`` on, all (n,)."""
 
     start: int
     speed: Array
@@ -62,9 +60,7 @@ class VehicleState:
 
 
 def start_state(cycles: Cycles, picked: int, *, as_printed: bool) -> VehicleState:
-    """Return the state by (3) and (11) from the averages at cycle ``picked``, for the middle of the time that they are
-    over.
-    """
+    """Return the state by (3) and (11) from the averages at cycle ``picked``, for the middle of their time."""
     a_x, a_y, a_z = cycles.mean_accel[picked]
     along = (a_x - cycles.wheel_acceleration[picked]) / STANDARD_GRAVITY
     across = a_y - cycles.mean_speed[picked] * cycles.mean_gyro[picked, 2]

@@ -158,9 +158,7 @@ class _Grid:
         return resample(self.place, values[..., self.rows], STEP_M)[1]
 
     def shifted(self, values: Array, by_m: float) -> Array:
-        """Return what was measured with the car at ``x`` and belongs to ``x + by_m``: at its own place, to the nearest
-        row.
-        """
+        """Return what was measured with the car at ``x`` and belongs to the row nearest to ``x + by_m``, there."""
         count = round(by_m / STEP_M)
         return weighted_neighbours(values, {-count: 1.0})
 

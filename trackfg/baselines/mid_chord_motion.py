@@ -117,9 +117,7 @@ def _by_wheel(distance: Array, step_s: float, window_s: float) -> tuple[Array, A
 
 
 def _complementary(seen: Array, rate: Array, dt: Array, time_s: float) -> Array:
-    """Return the angle from the accelerometer's (``seen``) below and the gyro's ``rate`` above the corner. Shapes
-    (n,).
-    """
+    """Return the angle ``seen`` by the accelerometer below the corner, by the gyro's ``rate`` above. Shapes (n,)."""
     step = float(np.median(dt))
     a = time_s / (time_s + step)
     start = float(seen[: max(1, round(1.0 / step))].mean())

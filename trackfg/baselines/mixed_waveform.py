@@ -26,8 +26,7 @@ from trackfg.numerics.arrays import Array
 
 
 def blended(low: Array, high: Array, speed: Array, band: tuple[float, float]) -> Array:
-    """Return ``low`` at speeds up to ``band[0]``, ``high`` from ``band[1]`` on, linear in the speed between. Shapes
-    (n,).
+    """Return ``low`` up to the speed ``band[0]``, ``high`` from ``band[1]`` on, linear between. Shapes (n,).
 
     A value that has no weight is not looked at: it may be NaN.
     """
@@ -37,8 +36,6 @@ def blended(low: Array, high: Array, speed: Array, band: tuple[float, float]) ->
 
 
 def mixed_waveform(inertial: Array, difference: Array, step_m: float, windows_m: Sequence[float]) -> Array:
-    """Return short waves of one, long waves of the other: ``v_mix``. Shape (n,); NaN within half the windows of an
-    end.
-    """
+    """Return short waves of one, long waves of the other, ``v_mix`` (n,); NaN within half the windows of an end."""
     long_waves = difference - remove_baseline(difference, step_m, windows_m)
     return np.asarray(remove_baseline(inertial, step_m, windows_m) + long_waves)

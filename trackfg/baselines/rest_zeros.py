@@ -8,8 +8,7 @@ from trackfg.numerics.arrays import Array
 
 
 def held_since_rest(t: Array, rests: Array, samples: Array) -> Array:
-    """Return the mean of the samples (n, c) over each rest (start, end) of ``rests`` (m, 2), in order, at times ``t``
-    (n,).
+    """Return the means of the samples (n, c) at ``t`` (n,) over the latest of the ``rests`` (m, 2), which are in order.
 
     Each holds from the start of its rest to that of the next, the first also before; zero where there is no rest.
     """

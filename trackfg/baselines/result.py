@@ -96,9 +96,7 @@ def recorded(parameters: DataclassInstance) -> dict[str, float | str | bool]:
 
 
 def filled(columns: tuple[str, ...], known: dict[str, np.ndarray]) -> pd.DataFrame:
-    """Return a table with these columns: what is known, and NaN for the rest. Raises ``ValueError`` for an unknown
-    name.
-    """
+    """Return a table of what is known, the other columns NaN. Raises ``ValueError`` for an unknown name."""
     if unknown := sorted(set(known) - set(columns)):
         raise ValueError(f"{', '.join(unknown)}: not among {', '.join(columns)}")
     rows = len(next(iter(known.values()))) if known else 0

@@ -70,9 +70,7 @@ class Cycles:
 
 
 def read_cycles(recording: Recording, *, cycle_s: float, average_s: float) -> Cycles:
-    """Return the recording as the system sees it. Raises ``BadInputError`` without a tachometer, or for too short a
-    record.
-    """
+    """Return the recording in cycles. Raises ``BadInputError`` without a tachometer, or for too short a record."""
     wheel, data = required_wheel(recording, _MAX_TACH_GAP_S), intervals(recording)
     window = round(average_s / cycle_s)
     count = int((data.edges[-1] - data.edges[0]) / cycle_s + 1e-6)

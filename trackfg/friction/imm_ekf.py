@@ -35,9 +35,7 @@ _THREE_MODES = np.array([[0.55, 0.35, 0.10], [0.25, 0.50, 0.25], [0.10, 0.35, 0.
 
 @dataclass(frozen=True)
 class FrictionEstimate:
-    """``table`` with columns :data:`trackfg.friction.bicycle.FRICTION_COLUMNS`, ``friction_modes`` (M,) and their
-    ``probability`` (T, M), averaged over the window.
-    """
+    """A ``table`` of :data:`~trackfg.friction.bicycle.FRICTION_COLUMNS`, and the modes' ``probability`` (T, M)."""
 
     table: pd.DataFrame
     friction_modes: Array

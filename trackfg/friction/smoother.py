@@ -58,11 +58,11 @@ class FrictionModel:
 def smooth_friction(
     drive: pd.DataFrame, *, car: Car | None = None, noise: Noise | None = None, model: FrictionModel | None = None
 ) -> pd.DataFrame:
-    """Return columns :data:`trackfg.friction.bicycle.FRICTION_COLUMNS` from ``drive``, a table with columns
-    :data:`trackfg.friction.bicycle.DRIVE_COLUMNS` at a fixed rate.
+    """Return :data:`~trackfg.friction.bicycle.FRICTION_COLUMNS` of a drive.
 
-    ``car`` and ``noise`` are the paper's by default. Raises :class:`~trackfg.errors.UnsolvableError` where the
-    iteration does not end, and as :func:`trackfg.friction.bicycle.drive_arrays` does.
+    ``drive`` has columns :data:`~trackfg.friction.bicycle.DRIVE_COLUMNS` at a fixed rate. ``car`` and ``noise`` are the
+    paper's by default. Raises :class:`~trackfg.errors.UnsolvableError` where the iteration does not end, and as
+    :func:`trackfg.friction.bicycle.drive_arrays` does.
     """
     problem = _Problem.of(drive, car or Car(), noise or Noise(), model or FrictionModel())
     # A walk without jumps, ten times as fast, first brings the states near the measurements.
@@ -80,9 +80,7 @@ def smooth_friction(
 
 @dataclass(frozen=True)
 class _Problem:
-    """The measurements and the model as arrays: ``steer`` (n,), ``y`` (n, 2); whitening of a step's four rows and of
-    a measurement's two.
-    """
+    """Measurements ``steer`` (n,) and ``y`` (n, 2), and whitening of a step's four rows and a measurement's two."""
 
     car: Car
     model: FrictionModel
@@ -136,9 +134,7 @@ class _Problem:
         return np.array([*self.model.state_sd, self.model.start_sd])
 
     def cost(self, z: Array, width: float) -> float:
-        """Return half the sum of squared whitened residuals, those of friction under the loss; infinite below the
-        least mu.
-        """
+        """Return half the sum of squared residuals, those of friction under the loss; infinite below the least mu."""
         if z[:, 2].min() < self.model.least:
             return float("inf")
         start, steps, last, _ = self.residuals(z)
@@ -147,9 +143,7 @@ class _Problem:
         return float(0.5 * (start @ start + np.sum(steps**2) + last @ last + np.sum(walk)))
 
     def linearized(self, z: Array, walk_weight: Array) -> gtsam.GaussianFactorGraph:
-        """Return the linear factors at ``z``, the friction factors weighted by ``walk_weight`` (n - 1,). Keys are
-        steps.
-        """
+        """Return the factors linearised at ``z``, friction's weighted by ``walk_weight`` (n - 1,); keys are steps."""
         n = len(z)
         start, steps, last, forces = self.residuals(z)
         A, G, D = self.car.A(self.dt), self.car.G(self.dt), self.car.D

@@ -69,8 +69,7 @@ BANDS = {"D0": D0, "D1": D1, "D2": D2, "D3": D3}
 
 
 def band_pass(y: ArrayLike, step_m: float, band: Band) -> Array:
-    """Return the part of a profile (..., n) in a band, in its unit; NaN nearer than :func:`end_margin_m` to an end or a
-    hole.
+    """Return the part of a profile (..., n) in a band, in its unit; NaN :func:`end_margin_m` near an end or hole.
 
     A hole in one row is a hole in all. Raises ``BadInputError`` where the step is too long for the band.
     """

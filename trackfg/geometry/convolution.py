@@ -44,9 +44,7 @@ def fast_length(least: int) -> int:
 
 
 def convolve_runs(y: Array, kernel: Array) -> Array:
-    """Return values (n,) through a kernel of an odd number of taps, centred; NaN where it reaches beyond an end or into
-    a hole.
-    """
+    """Return values (n,) through a centred kernel of odd length; NaN where it reaches into a hole or beyond an end."""
     half = len(kernel) // 2
     out = np.full(len(y), np.nan)
     for first, stop in true_runs(np.isfinite(y)):

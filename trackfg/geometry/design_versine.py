@@ -21,8 +21,7 @@ from trackfg.numerics.arrays import Array
 
 
 def design_versine(curvature_1pm: ArrayLike, step_m: float, behind_m: float = 5.0, ahead_m: float = 5.0) -> Array:
-    """Return versines, m, of a design with curvatures (..., n) in 1/m; NaN where the chord, or a step more, does not
-    fit.
+    """Return versines, m, of a design with curvatures (..., n), 1/m; NaN where the chord and a step do not fit.
 
     Raises ``BadInputError`` where ``behind_m`` or ``ahead_m`` is no whole multiple of ``step_m``.
     """
@@ -43,8 +42,7 @@ def design_versine(curvature_1pm: ArrayLike, step_m: float, behind_m: float = 5.
 
 
 def design_versine_response(wavelength_m: ArrayLike, behind_m: float = 5.0, ahead_m: float = 5.0) -> np.ndarray:
-    """Return complex response of :func:`design_versine` to the curvature, m^2, for steps much shorter than the
-    wavelength.
+    """Return complex response of :func:`design_versine` to the curvature, m^2, for short steps.
 
     That of the versine over that of ``y'' = -W^2 y``; ``-p q / 2``, a circle's, for an infinite wavelength.
     """

@@ -15,9 +15,7 @@ _TOLERANCE = 1e-6
 
 
 def steps(length_m: float, step_m: float, what: str) -> int:
-    """Return ``length_m`` as a whole number of steps, at least one. Raises ``BadInputError`` that names ``what`` it
-    is.
-    """
+    """Return a length as a whole number of steps, at least one. Raises ``BadInputError`` that names ``what`` it is."""
     if not (np.isfinite(step_m) and step_m > 0.0):
         raise BadInputError(f"step_m is {step_m!r}; expected a length above 0")
     count = round(length_m / step_m) if np.isfinite(length_m) else 0

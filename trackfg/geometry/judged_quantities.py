@@ -138,9 +138,7 @@ def _base_of(limit: Limit) -> float:
 def _offsets(
     table: pd.DataFrame, limit: Limit, chainage: Array, step: float, lengths: ColumnLengths
 ) -> list[JudgedQuantity] | str:
-    """Return level and alignment, in a band or from a chord: of every profile there is, or else of the standard
-    columns.
-    """
+    """Return level and alignment in a band or from a chord, of every profile, or else of the standard columns."""
     found = []
     for side in _SIDES:
         name = f"profile_{limit.parameter}{side}_m"
@@ -214,8 +212,7 @@ def _to_step(chainage: Array, profile: Array, step: float) -> tuple[Array, Array
 
 
 def _range_within(value: Array, step: float, length_m: float) -> Array:
-    """Return the greatest difference between two places less than ``length_m`` apart, centred; NaN where the window
-    does not fit or meets a hole."""
+    """Return the greatest difference of places less than ``length_m`` apart, centred; NaN at holes and near ends."""
     from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
     count = max(1, int(np.ceil(length_m / step - 1e-6)))  # places of which the outermost are less than that apart

@@ -40,9 +40,7 @@ def moving_average(y: ArrayLike, step_m: float, window_m: float) -> Array:
 
 
 def remove_baseline(y: ArrayLike, step_m: float, windows_m: Sequence[float] = LEVEL_WINDOWS_M) -> Array:
-    """Return ``y`` less its baseline, the moving averages over ``windows_m`` one after another. Shape (..., n) to the
-    same.
-    """
+    """Return ``y`` (..., n) less its baseline, the moving averages over ``windows_m`` one after another."""
     y = np.asarray(y, dtype=np.float64)
     baseline = y
     for window in windows_m:

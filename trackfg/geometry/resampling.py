@@ -46,8 +46,7 @@ that it has there (de Boor, *A Practical Guide to Splines* (1978), ch. XIII), 2^
 def resample(
     chainage_m: ArrayLike, values: ArrayLike, step_m: float = 0.25, *, max_hole_m: float = 1.0
 ) -> tuple[Array, Array]:
-    """Return values (..., n) at places (n,), in any order, at whole multiples of ``step_m``: the grid (m,) and values
-    (..., m).
+    """Return whole multiples of ``step_m`` (m,) and values (..., m) there, from values (..., n) at places in any order.
 
     NaN where the low-pass reaches (2.4 m with 0.25 m) beyond an end, or into a hole: two samples more than
     ``max_hole_m`` apart. A sample that is NaN in any row is left out. Raises ``BadInputError`` for fewer than four

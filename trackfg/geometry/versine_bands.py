@@ -36,8 +36,7 @@ _LEAST_RESPONSE = 1e-5
 
 
 def band_of_versine(versine: ArrayLike, step_m: float, chord_m: float, band: Band) -> Array:
-    """Return the part of a profile in a band, in the unit of its versine (n,); NaN where the kernel reaches beyond an
-    end or into a hole.
+    """Return the part of a profile in a band, in the unit of its versine (n,); NaN near an end or a hole.
 
     Raises ``BadInputError`` for a band with waves that the versine does not have: shorter than the chord.
     """

@@ -33,8 +33,7 @@ the longest chord of 49 CFR 213, 124 ft, is 3.8 times 10 m."""
 def versine_over(
     band_part: ArrayLike, versine: ArrayLike, step_m: float, band: Band, chords_m: tuple[float, float]
 ) -> Array:
-    """Return the versines of a profile over another symmetrical chord, in the unit of both (n,); NaN within some metres
-    of an end or a hole.
+    """Return the versines of a profile over another symmetrical chord (n,); NaN within some metres of an end or a hole.
 
     ``band_part`` and ``versine``, both (n,), are the part of the profile in ``band`` and its versine over the first of
     ``chords_m``; the second is the chord asked for. Raises ``BadInputError`` where these two together lack any wave

@@ -36,8 +36,7 @@ def versine_response(wavelength_m: ArrayLike, behind_m: float = 5.0, ahead_m: fl
 
 
 def uniformity_deviation(versines: ArrayLike, step_m: float, chord_m: float) -> Array:
-    """Return versines less their uniformity, the mean of nine of them a quarter chord apart and centred (49 CFR
-    213.327(a)).
+    """Return versines less the mean of nine a quarter chord apart, their uniformity (49 CFR 213.327(a)).
 
     ``versines`` (..., n) are those of the symmetrical chord ``chord_m``; NaN within a chord of an end. Raises
     ``BadInputError`` where a quarter of the chord is no whole multiple of ``step_m``.
@@ -47,8 +46,6 @@ def uniformity_deviation(versines: ArrayLike, step_m: float, chord_m: float) -> 
 
 
 def uniformity_deviation_response(wavelength_m: ArrayLike, chord_m: float) -> Array:
-    """Return response of :func:`uniformity_deviation` to the versines, real: ``1 - (1 + 2 sum_k cos(k W chord/4)) /
-    9``.
-    """
+    """Return response of :func:`uniformity_deviation` to versines, real: ``1 - (1 + 2 sum_k cos(k W chord/4))/9``."""
     phase = wave_number(wavelength_m)[..., None] * chord_m / 4.0 * np.arange(1, 5)
     return np.asarray(1.0 - (1.0 + 2.0 * np.cos(phase).sum(axis=-1)) / 9.0)

@@ -164,9 +164,7 @@ class GraphInputs(Outlined):
 
     @cached_property
     def response(self) -> Array:
-        """What the calibration of the IMU does to the bias of the interval that starts at each keyframe; at the last,
-        where none starts, nothing. Shape (n, 6, dim).
-        """
+        """The derivative of the bias from each keyframe on by the IMU's calibration (n, 6, dim); 0 at the last."""
         middle = 0.5 * (self.t[1:] + self.t[:-1])
         terms = response_terms(self.mean_accel, self.mean_rate, self.vibration, self.path.attitude(middle))
         return np.concatenate([terms, np.zeros((1, *terms.shape[1:]))])

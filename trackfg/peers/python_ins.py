@@ -91,9 +91,7 @@ class Start:
 
 @dataclass(frozen=True)
 class Filtered:
-    """The sensor at times ``t`` (n,): ``geodetic`` (n, 3); ``rpy`` (n, 3), rad, yaw unwrapped and from the east where
-    it is; sigmas ``rpy_sd`` (n, 3) and ``enu_sd`` (n, 3), m.
-    """
+    """Place and attitude of the sensor at times ``t`` (n,); ``rpy`` rad, its yaw unwrapped and from the local east."""
 
     t: Array
     geodetic: Array
@@ -147,8 +145,9 @@ def feedback_filter(
     wheel_scale: float = 1.0,
     time_step_s: float = 0.1,
 ) -> Filtered:
-    """Run python-ins' filter over the samples of ``motion``. ``wheel_scale`` multiplies the nominal speed; the filter's
-    covariance moves on by at most ``time_step_s``. The caller sees to it that the package is installed.
+    """Run python-ins' filter, which must be installed, over the samples of ``motion``.
+
+    ``wheel_scale`` multiplies the nominal speed; the filter's covariance moves on by at most ``time_step_s``.
     """
     from pyins import filters, strapdown
     from pyins.inertial_sensor import EstimationModel
@@ -227,9 +226,7 @@ def _measurements(recording: Recording, motion: SampledMotion, wheel_scale: floa
 
 
 def geodetic_of(enu: Array, origin: Array) -> Array:
-    """Return the inverse of :func:`trackfg.numerics.geodesy.geodetic_to_enu`: latitude and longitude in deg, height in
-    m. (n, 3).
-    """
+    """Return latitude, longitude, deg, and height, m (n, 3), of places in the level frame at ``origin``."""
     from pyins.transform import perturb_lla
 
     geodetic = np.tile(origin, (len(enu), 1))
@@ -248,9 +245,7 @@ def _origin(recording: Recording) -> Array:
 
 
 def _convergence(place: Array, origin: Array) -> Array:
-    """Return how far local north is turned to the left of that at the origin, rad. (..., 2), latitude and longitude in
-    deg.
-    """
+    """Return how far north at a ``place`` (..., 2), deg, is turned to the left of that at the origin, rad."""
     middle = 0.5 * (place[..., 0] + origin[0])
     return np.asarray(np.radians(place[..., 1] - origin[1]) * np.sin(np.radians(middle)))
 
@@ -280,9 +275,7 @@ def _start(recording: Recording, motion: SampledMotion) -> Start:
 
 
 def _with_place(trajectory: pd.DataFrame, recording: Recording, filtered: Filtered) -> pd.DataFrame:
-    """Return the trajectory with yaw and the vehicle reference point in the level frame at the origin, and their
-    sigmas.
-    """
+    """Return the trajectory with yaw and reference point in the level frame at the origin, and their sigmas."""
     origin, lever_arm = _origin(recording), np.array(recording.description.imu.lever_arm_m)
     rpy = filtered.rpy.copy()
     rpy[:, 2] += _convergence(filtered.geodetic[:, :2], origin[:2])

@@ -34,8 +34,7 @@ NAME = "vqf"
 def run(
     recording: Recording, *, tau_acc_s: float = 3.0, remove_static_bias: bool = True, compensated: bool = True
 ) -> BaselineResult:
-    """Estimate roll, pitch, cross-level and twist of a recording; every parameter of VQF but tau_acc is its own
-    default.
+    """Estimate roll, pitch, cross-level and twist of a recording, by VQF's own defaults but for tau_acc.
 
     ``remove_static_bias``: the gyro's, from the standstill at the start, before VQF looks for what is left of it.
     Raises :class:`~trackfg.peers.installed.NotInstalledError` without the package, ``BadInputError`` without a

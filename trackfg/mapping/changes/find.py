@@ -14,8 +14,7 @@ from trackfg.results.result import Result
 
 
 def find_changes(result: Result, feature_map: FeatureMap, *, floor_mm: float = 1.0) -> Changes:
-    """Find where the track of a run is other than that of a map, by more than noise
-    (:mod:`trackfg.mapping.changes.changes`).
+    """Find where the track of a run is other than that of a map, by more than noise.
 
     Parameters
     ----------

@@ -105,8 +105,7 @@ _MODE = 3
 
 @dataclass(frozen=True)
 class PlaceWindows:
-    """The places where each section may begin, in order of travel: ``first`` (k,) and the number of them, ``count``
-    (k,).
+    """Each section may begin at ``count`` places from ``first`` on, (k,) each, in order of travel.
 
     ``start_m``: where the sections begin in the run's chainage, (k,): the end of lower chainage, so it descends for a
     run against it.
@@ -305,11 +304,9 @@ class PlaceHmm:
         return Message(low, on, alike[0] * np.float32(1.0 - _RETURN), off * (1.0 - _RETURN) + leaving)
 
     def _predict_back(self, k: int, previous: Message, future: Message) -> Message:
-        """Return the backward message of section ``k - 1``, at the places of ``previous``: the transpose of a
-        prediction.
+        """Return the backward message of section ``k - 1``, at the places of ``previous``: a prediction transposed.
 
-        ``future`` is the backward message of section k times the likelihood of that; places that were cut off have
-        none.
+        ``future`` is that of section k times its likelihood; places that were cut off have none.
         """
         low, high = self._reach(k, previous)
         count, into = previous.on.shape[2], slice(future.first - low, future.stop - low)
@@ -343,9 +340,7 @@ class PlaceHmm:
         return Message(previous.first, on * np.float32(by), alike * np.float32(by), off * by)
 
     def _moments(self, state: Message, future: Message) -> tuple[tuple[float, ...], Array, Array]:
-        """Return (mode, mean_m, unchanged, scale), ``near`` and ``so_far`` of :class:`PlacePosterior` for one
-        section.
-        """
+        """Return (mode, mean_m, unchanged, scale), ``near`` and ``so_far`` of one section's :class:`PlacePosterior`."""
         joint = state.on * future.on
         place = joint.reshape(-1, joint.shape[2]).sum(axis=0).astype(np.float64)
         place /= float(place.sum()) + float((state.alike * future.alike).sum()) + state.off * future.off

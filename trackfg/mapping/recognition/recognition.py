@@ -205,9 +205,7 @@ def _check(run: pd.DataFrame, place_sd_m: Array | None, rate_sd: float, directio
 
 
 def _first_cells(run: FeatureProfile, length: int) -> NDArray[np.int64]:
-    """Return the first cells of the sections, m: whole multiples of their length, from the first to the last that is
-    measured at least half.
-    """
+    """Return the first cells of the sections, m, from the first to the last that is measured at least half."""
     known = np.any([np.isfinite(values) for values in run.features.values()], axis=0)
     row = np.flatnonzero(known) + run.first
     if row.size == 0:

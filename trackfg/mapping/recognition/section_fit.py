@@ -250,8 +250,7 @@ def section_feature(
 def fit_sections(
     features: Sequence[SectionFeature], about_m: Array, about_scale: Array, scale_sd: float, *, searched: bool
 ) -> SectionFit:
-    """Return the positions and scale errors that fit best, by Gauss-Newton from ``about_m`` and ``about_scale``, (k,)
-    each.
+    """Return positions and scale errors that fit best, by Gauss-Newton from ``about_m`` and ``about_scale``, all (k,).
 
     ``about_scale`` and ``scale_sd`` are mean and sigma of the scale's prior. ``searched``: the positions about
     ``about_m`` are searched for the best one first.
@@ -318,11 +317,10 @@ def _is_match(linearised: Sequence[_Linearised]) -> NDArray[np.bool_]:
 
 
 def searched_positions(features: Sequence[SectionFeature], about_m: Array, scale: Array) -> Array:
-    """Return the best of positions at every 0.5 m within 2 m, m (k,), compared at every 0.5 m of the run, with the
-    nearest reference row.
+    """Return the best of positions at every 0.5 m within 2 m, m (k,), by every 0.5 m of the run.
 
-    Compared are profile log likelihoods, those of the best constant and the best variance of the noise, on the rows
-    that the reference knows at all of these positions. Where there are none, the position stays: the least shift is
+    Compared are profile log likelihoods, those of the best constant and variance of the noise, on the nearest rows, as
+    far as the reference knows them at all positions. Where there are none, the position stays: the least shift comes
     first.
     """
     step_m = features[0].step_m

@@ -54,8 +54,7 @@ class PlaceTracker:
     least: list[Array] = field(default_factory=list)
 
     def take(self, run: pd.DataFrame, begin_m: int, reference: FeatureProfile) -> TrackedPlace | None:
-        """Go on by the section that begins at ``begin_m``, the next in order of travel; return None if it was seen
-        before.
+        """Go on by the next section in order of travel, at ``begin_m``; return None if it was seen before.
 
         ``run`` has it, and some of the run about it, with columns as in
         :func:`~trackfg.mapping.recognition.recognition.recognise`; ``reference`` is always the same

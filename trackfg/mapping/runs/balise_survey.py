@@ -77,9 +77,7 @@ class BaliseSurvey(Outlined):
 
 
 class _Error(NamedTuple):
-    """A hypothesis: ``kind`` is "plan", "fix", "passage" or "wheel", ``row`` that of the plan, of the fix without an
-    id, of the passage, or of the first passage behind the wheel's error.
-    """
+    """An error of ``kind`` "plan", "fix", "passage" or "wheel" is in a ``row``, "wheel" in the first passage behind."""
 
     kind: str
     row: int
@@ -87,8 +85,7 @@ class _Error(NamedTuple):
 
 @dataclass(frozen=True)
 class _Network:
-    """The measurements: passages run by run, columns ``run, t_s, id`` and ``balise`` (its number, -1 of a fix without
-    an id), then plans.
+    """The measurements are passages, columns ``run, t_s, id, balise`` (number, -1 of a fix without an id), then plans.
 
     ``measured`` l (m,) and ``A`` (m, n), whitened by the inverse of the root of their covariance, ``whitening``
     (m, m). The first columns of A are the places of ``names``; ``plan_of`` (p,) are the numbers of balises with plans.
@@ -121,9 +118,7 @@ class _Network:
 
 @dataclass(frozen=True)
 class _Estimate:
-    """The solution with some ``errors`` in A: places, offsets and their sizes ``x``, with ``covariance``; ``basis``
-    (m, n) is orthonormal and spans A.
-    """
+    """The solution ``x`` with ``errors`` in A: places, offsets, their sizes; ``basis`` (m, n) spans A, orthonormal."""
 
     errors: tuple[_Error, ...]
     x: Array

@@ -49,9 +49,7 @@ class RunOverlay(Outlined):
 
     @property
     def repeatability(self) -> pd.DataFrame:
-        """One row per run and channel, columns :data:`REPEATABILITY_COLUMNS`: what the sections' standard deviations
-        are in the middle, in 95 % of the sections and at most.
-        """
+        """The median, 95 % quantile and maximum of the sections' standard deviations, by run and channel."""
         rows = [
             (
                 run,
