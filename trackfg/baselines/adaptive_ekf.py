@@ -20,24 +20,8 @@ reconstructed here from its text and claims and the kinematics:
 ``R_x`` and ``R_y`` are the vibration indices: the mean over s samples of the square of ax and ay between F and F_h.
 Vibration (flange contact in curves, braking) makes (7) less credible against (5).
 
-**K.** 1.0e-6 is the patent's, without a unit: it is 1/g^2 = 1.04e-6 with accelerations in Gal (cm/s^2), that is K R is
-the variance of the tilt that an acceleration feigns. In SI, K = 1/g^2 = 0.0104 rad^2/(m/s^2)^2.
-
-**R0 and q** are not given. R0 = (1 mrad)^2, the index of 1 Gal rms times K; q follows from a time constant, since the
-gain of a scalar filter settles at ``sqrt(q/R) = dt/T_c``: q = R0 (dt/T_c)^2 with the T_c = 12.5 s of the complementary
-filter. Neither was tuned by errors. Only the ratio q/R0, so T_c, and K/R0 matter to the angles. The filter's own sigmas
-take every low-passed sample for a new measurement and are far too small.
-
-**Corrected**, unless ``as_printed``:
-
-- (2) with sin: tan overstates 105 mm on 1067 mm by 0.51 mm and 200 mm on 1500 mm by 1.8 mm;
-- the acceleration ``w x v`` of a curve is no tilt, and is taken out before (4): ``v^2/R`` is 0.01 m/s^2 at 1 m/s and
-  R = 100 m, 1 mrad, and grows with the square of the speed;
-- with (8) for a speed that varies, filters and mean are over the distance run: 0-1 and 1-7 cycles per metre, 0.5 m;
-  as printed, V is the mean speed of the run while moving;
-- the low-pass delays nothing (Butterworth filters run both ways, a centred mean); as printed, one way, and the
-  measurement lags the gyro;
-- K is 1/g^2 exactly.
+docs/baselines/adaptive-ekf.md says where K, R0 and q come from, and what is corrected unless ``as_printed``: (2), the
+acceleration of a curve in (4), (8) for a speed that varies, the delay of the filters, and K.
 
 The filter runs at the full sampling rate: its bands scale with the speed, so no fixed lower rate would do. The 2 x 2
 algebra is written out on plain numbers, some microseconds a step.

@@ -14,15 +14,8 @@ roll with the left side up.
 Its comparators are the accelerometer alone, low-passed (figure 1; the paper does not say how: here a Butterworth
 filter, run both ways), and the gyro alone, integrated and less its straight line over time (figure 2).
 
-What the paper does not print and this adds:
-
-- the static bias is removed, of the gyro (0.2 deg/s would be T * 0.2 deg/s = 65 mm of cross-level on 1.5 m) and of the
-  accelerometer's vertical axis (0.05 m/s^2 would scale every cross-level by 0.5 %, 0.9 mm of 180 mm);
-- (1) takes the acceleration ``v^2/R`` in a curve for tilt. ``v omega_z`` is taken out of a_y first. Not so with
-  ``as_printed``; at the paper's 0.92 m/s and R = 400 m it is 0.3 mm.
-
-What stays as in the paper: ``omega`` is the rate about the sensor's own axis, which is the roll's rate on a level track
-only; on a gradient ``i`` in a curve roll is off by ``T v i / R``. The accelerometer's bias is a constant cross-level.
+The static bias is removed, and unless ``as_printed`` so is ``v omega_z`` from a_y, which (1) takes for tilt;
+docs/baselines/complementary.md says how much either is, and what stays as in the paper.
 """
 
 from __future__ import annotations

@@ -1,5 +1,7 @@
-"""Train positioning by tachometer and inertial sensor (Iwata, Yamamichi, Sugiyama and Kitano, "A train position
-detection system using inertial sensors together with tachometer generators").
+"""Train positioning by tachometer and inertial sensor.
+
+Iwata, Yamamichi, Sugiyama and Kitano, "A train position detection system using inertial sensors together with
+tachometer generators".
 
 The tachometer counts the distance. While it cannot be trusted, from the start point before a detected slip or slide
 (:mod:`trackfg.baselines.slip_detection`) to re-adhesion, gravity-compensated integration of the inertial sensor
@@ -9,10 +11,7 @@ part of the distance since the position was last set, and the correction of one 
 
     margin = 0.02 distance + 20 m.
 
-The inertial sensor's zero is taken at stops. What the paper leaves open is assumed here: the factor of the re-adhesion
-rule's speed difference (the sensors' part of the bound (13), 0.41 km/h/s); what happens after the 10 s that the bound
-is for, when the paper's train would be stopped: the tachometer counts again; and that a slip found too soon after a
-correction to have a start point of its own goes on with that correction's state, and both are one.
+The inertial sensor's zero is taken at stops; docs/baselines/composite-positioning.md has what else was settled here.
 
 Distances are the nominal wheel's, as in the paper, where the error of a corrected distance is against the tachometer's
 own distance on runs without slip.

@@ -10,8 +10,7 @@ what the table says of it less what the odometer does, if all diagnostics are pa
 3. between the crossings of the lower limit, 20 % below the curve's value, lies the table's length, to a tolerance;
 4. the exit straight is as long as the table's.
 
-There is no correction where a slip was detected on the way, or where the train was slower than 10 km/h. The paper gives
-neither the tolerance of 3 nor the curvature that counts as straight: 20 m and 1/2000 m are assumed.
+There is no correction where a slip was detected on the way, or where the train was slower than 10 km/h.
 
 The measured curvature is the yaw rate over the speed, both averaged over the same 3 s, which is the heading's change
 over the distance of those 3 s; it is held to be that in the middle of this distance.

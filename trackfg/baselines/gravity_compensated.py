@@ -11,18 +11,13 @@ the left (its equations agree with one another in no others):
 
 The vehicle axes of trackfg have the pitch rate nose-down: ``w_y`` here is its negative.
 
-*Corrected.* (5) as printed has ``w_y`` without ``cos psi`` (0.5 % at 5.6 degrees); (6) is ``psi' = w_x``, without the
-yaw rate's part on a gradient; (11) is ``atan((a_y - v w_z) / A_z)``, but on a canted curve the force along z holds part
-of the centripetal one too. ``as_printed`` restores all three.
-
-*Equation (12)* subtracts ``k w_x sin psi``, k = +1 in a left-hand curve and -1 in a right-hand one, from the pitch
-rate. No such term is in the kinematics of Euler's angles: as long as the cant fits the curve it adds ``|sin psi| w_x``,
-a pitch of ``1 - cos psi`` (4.8 mrad at 5.6 degrees) that is there in the curve and gone after it. Off unless asked for.
+``as_printed`` restores (5), (6) and (11) as docs/baselines/composite-positioning.md has them. *Equation (12)*, off
+unless asked for, subtracts ``k w_x sin psi``, k = +1 in a left-hand curve and -1 in a right-hand one, from the pitch
+rate: no such term is in the kinematics of Euler's angles.
 
 *Bound.* The error of the distance after t = 10 s is bounded by (13), ``a t^2 / 2 + c t^3 / 6``, with a = 0.1 km/h/s
 from the accelerometer and 1.23 km/h/s from a start point at which the wheel slipped already, and c = 0.0615 km/h/s per
-s from the gyro (0.1 deg/s): 18.5 m + 2.8 m = 21.3 m. The paper takes the mean of the gyro's acceleration,
-``c t^3 / 4``, and has 22.8 m.
+s from the gyro (0.1 deg/s): 18.5 m + 2.8 m = 21.3 m.
 
 Source: Iwata, Yamamichi, Sugiyama and Kitano, section 3.1.
 """

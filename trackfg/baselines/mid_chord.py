@@ -17,14 +17,11 @@ car's middle at x, so that ``v(x) = (D(x - 2.5) - D(x + 2.5)) / 2``: no speed in
 change over 5 m, by the gyro. For level that is the paper's first difference; for alignment the difference of two
 sights 5 m apart is taken in the first one's axes (second difference), so that the tangent of the heading never occurs.
 
-*Conventional.* Difference up to 30 km/h, inertial from 45 km/h, blended linearly by speed between.
+*Conventional* and *developed* blend these by speed, the latter with the mixed waveform between them
+(:mod:`trackfg.baselines.mixed_waveform`).
 
-*Developed.* Difference up to 25 km/h, the mixed waveform (:mod:`trackfg.baselines.mixed_waveform`) from 30 to 60 km/h,
-inertial from 65 km/h, blended between.
-
-The paper prints no formulas, so that there is nothing to reproduce ``as_printed``: the forms above are derived from its
-words. Sensor and units need not be in one place here; the inertial method uses the unit nearest to the sensor. Chainage
-and speed are the tachometer's with the nominal wheel. Only places reached running forwards for the first time count.
+The paper prints no formulas: the forms above are derived from its words, and docs/baselines/mid-chord.md has what was
+settled here. Only places reached running forwards for the first time count.
 """
 
 from __future__ import annotations

@@ -9,11 +9,7 @@ with ``Ta`` = 1.23 km/h/s, what gravity along the steepest line (35 permille) ad
 then. The start point is the latest cycle, a setback of 2.1 s or more before the detection, at which for three cycles on
 end the jerks of both averages are small and alike: ``|Jp| <= 0.15, |Ji| <= 0.1, |Ji - Jp| < 0.05`` km/h/s per cycle.
 
-An average belongs to the middle of its 3 s: there, 1.5 s before the cycle that was picked, the correction starts. The
-paper delays its tachometer by 300 ms, the lag of its own sensor's output; a recording is on one clock already.
-
-One pulse a cycle is a jerk of 0.34 km/h/s per cycle with 90 pulses on 816 mm, above both limits, so that in effect the
-rule asks for three cycles in which neither end of the average gains or loses a pulse.
+An average belongs to the middle of its 3 s: there, 1.5 s before the cycle that was picked, the correction starts.
 
 Source: Iwata, Yamamichi, Sugiyama and Kitano, sections 3.1.1, 3.1.2 (2) and 4.3.1.
 """

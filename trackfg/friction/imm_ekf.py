@@ -11,11 +11,9 @@ next step has mean ``J (y_t - D F_t)``, ``J = Q D' (D Q D' + R)^-1``, so that wi
 
 is independent of y_t, and the EKF's usual step holds with ``S = H P H' + D Q D' + R``.
 
-What the paper prints otherwise and could not have run: the gain's missing inverse (14), Q in N^2 added to a covariance
-in rad^2 (15), the measurement predicted from the mixed instead of the predicted state (22), ``|2 pi S|^(+1/2)`` (23),
-noise that enters in other proportions than the force (11), mu = 0 as a mode. These are always corrected. What it prints
-otherwise and did run, most likely, is the transition matrix of 7 and 10 modes, whose first and last rows sum to 0.925
-and 0.914: the corrected one shares 0.2 instead of 0.1 (M - 2)/(M - 3) among the far modes there.
+docs/baselines/imm-ekf.md lists what the paper prints otherwise. What could not have run is always corrected;
+``as_printed`` keeps the transitions of 7 and 10 modes, whose first and last rows share 0.1 (M - 2)/(M - 3), not 0.2,
+among the far modes.
 """
 
 from __future__ import annotations

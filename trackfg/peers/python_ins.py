@@ -1,6 +1,7 @@
-"""The feedback extended Kalman filter of python-ins (``pyins``): strapdown integration in geodetic coordinates, errors
-of position, velocity, attitude and biases as states (Groves, "Principles of GNSS, inertial, and multisensor integrated
-navigation systems", 2nd edition, as the package cites it).
+"""The feedback extended Kalman filter of python-ins (``pyins``) is run as a baseline.
+
+It has the errors of position, velocity, attitude and biases as states (Groves, "Principles of GNSS, inertial, and
+multisensor integrated navigation systems", 2nd edition, as the package cites it).
 
 It is fed with
 
@@ -16,13 +17,8 @@ It is fed with
 Signs are converted here: FLU and ENU to FRD and NED, so y, z, pitch and the heading change theirs.
 
 **The Earth turns** in python-ins, always, so it needs a latitude: that of GNSS, else the recording's, else
-:data:`DEFAULT_LATITUDE_DEG`, where gravity is the standard one. The alignment hides a wrong rate until the vehicle
-turns; after a turn up to ``2 * 7.3e-5 cos(latitude) = 1.0e-4 rad/s`` about the horizontal axes look like gyro bias,
-which the filter must learn anew. The vertical part, 5e-5 rad/s = 11 deg/h, stays in the bias. The horizontal part is as
-wrong with a latitude but no heading.
-
-It is a filter: every row knows the past alone. It neither finds slips nor outliers. Chainage is the tachometer's.
-python-ins steps through pandas rows: some 5 minutes for an hour at 200 Hz, and more than twice that for two.
+:data:`DEFAULT_LATITUDE_DEG`, where gravity is the standard one; docs/baselines/peers.md says what a wrong one costs.
+Chainage is the tachometer's.
 """
 
 from __future__ import annotations

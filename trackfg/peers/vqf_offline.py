@@ -6,9 +6,8 @@ low-passed without delay (Butterworth, second order, tau_acc), and what then is 
 estimates the gyro's bias in motion and where it takes the sensor to be at rest. Its Earth frame has z up and any
 heading, and its quaternion takes FLU there: its roll and pitch are trackfg's, nothing is converted.
 
-VQF knows no vehicle: all that does not look like gravity is taken for it after some tau_acc. In a curve ``v^2/R`` is
-ten times the cross-level's worth. It is therefore given the specific force less the wheel's acceleration ``dv/dt``
-forwards and ``w x v``; ``compensated=False`` is VQF as it comes. It has no sigma of its angles. A second per hour.
+VQF knows no vehicle: it is given the specific force less the wheel's acceleration ``dv/dt`` forwards and ``w x v``;
+``compensated=False`` is VQF as it comes. It has no sigma of its angles.
 """
 
 from __future__ import annotations

@@ -14,29 +14,15 @@ fine:
    the features without what is longer than some 25 m, and *curves*, the mean curvature over 20 m.
 
 2. **Likelihood of a place** (``likelihood``, which adds ``short_wave_likelihood`` and ``curve_likelihood``). For each
-   section and each place of the reference, 2 m apart, the log likelihood ratio
+   section and each place of the reference, 2 m apart, the log likelihood ratio against any other track, by short waves
+   and by curves.
 
-       l_k(p) = log P(section k | it lies at p) - log P(section k | it lies on any other track).
-
-   It is the sum of two ratios, of short waves and of curves. They are kept apart, because maintained track keeps its
-   curves but not its short waves.
-
-3. **Forward-backward over the places** (``place_hmm``). A hidden Markov model whose state is one of
-
-   * *on* the reference: (place, scale error of the run's chainage, track unchanged or changed);
-   * *alike* p: foreign, resembling p, another line whose curves happen to be those at p. It competes with *on* for the
-     evidence of the curves, so only short waves or further curves decide;
-   * *off*: foreign, and like no place of the reference,
-
-   with transitions for creep, slips, maintenance and leaving the reference. Forward filtering and backward smoothing
-   give ``P(p_k | all sections)``.
+3. **Forward-backward over the places** (``place_hmm``). A hidden Markov model, whose state is on the reference, on a
+   foreign line alike it, or off both, gives ``P(p_k | all sections)``.
 
 4. **Fine match** (``fine_match``, by ``section_fit``). From the most probable place on, least squares on the rows
-   themselves, with x from the section's middle,
-
-       run_k(x) = reference(m_k + (1 + e_k) x) + constant + noise,
-
-   give the position ``m_k`` of the middle to some millimetres, with a covariance for coloured noise.
+   themselves give the position ``m_k`` of the section's middle to some millimetres, with a covariance for coloured
+   noise.
 
 5. **Decision** (``recognition``). A section's place is used if the probability that the section's middle lies within
    three sigmas and 3 m of its fine match exceeds 0.99, and its sigma is below 5 m. What is ambiguous stays unused.
