@@ -1,17 +1,8 @@
 """Limit tables: what a standard, or a user, allows of which parameter at which speed. Read from TOML.
 
-    [[limits]]
-    standard = "our maintenance rule"
-    parameter = "level"
-    band = "D1"
-    level = "intervention"
-    speed_from_kmh = 80
-    speed_to_kmh = 120
-    kind = "peak"
-    value_mm = 12.0
-
-:func:`cfr_213` gives the tables of 49 CFR 213 for gage, alinement, elevation and surface (the law's inches as mm).
-Their levels are track classes; which class a line has follows from more than its speed, so no speed stands in them.
+docs/geometry.md has an example and every key. :func:`cfr_213` gives the tables of 49 CFR 213 for gage, alinement,
+elevation and surface (the law's inches as mm). Their levels are track classes; which class a line has follows from more
+than its speed, so no speed stands in them.
 """
 
 from __future__ import annotations

@@ -3,8 +3,7 @@
 The standard deviation of the difference of two runs is taken per section of 200 m; the difference's mean over a section
 does not count. Suto, Tsubokawa and Yoshida (2020) ask for 0.5 mm at most on every section, for 10 m versines.
 
-Chainage errs by itself, so the runs are laid over each other first: by one shift for the whole run, and, since wheels
-roll differently between two fixes, by a shift for each section, as is usual in track recording. A shift is where the
+The runs are laid over each other first, by one shift for the whole run or by one for each section. A shift is where the
 weighted mean square of the differences of :data:`ALIGNED_BY`, or of what the runs have in their place, is least (each
 by its variance along the reference), on the grid and then at the vertex of the parabola through the least value and its
 neighbours.

@@ -13,8 +13,7 @@ profile is the curvature through ``1 / W^2``. So the errors of a band and of the
 
     integral of (G / W^2)^2 dW / integral of ((1 - cos(W L / 2)) / W^2)^2 dW,    the latter pi L^3 / 48.
 
-Whatever else is wrong with a versine, white noise of lasers and misplaced short waves, has less of it in long waves, so
-that the sigma of a band is too large then: errors of simulated runs are 0.4 to 1.1 of it.
+Whatever else is wrong with a versine has less of it in long waves, so that the sigma of a band is too large then.
 """
 
 from __future__ import annotations

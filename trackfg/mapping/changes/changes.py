@@ -3,8 +3,7 @@
 The run is laid over the map (:mod:`trackfg.mapping.changes.overlay`), its residual shift is fitted
 (:mod:`trackfg.mapping.changes.residual_shift`), and every quantity's difference, run less map, is compared with its
 noise (:mod:`trackfg.mapping.changes.change_noise`). Cross-level and gradient carry the run's offset and wander: their
-difference is taken without its running median over 150 m, smoothed over 50 m, so a change of them counts as far as it
-is local. A lasting step of the cross-level shows in the twist.
+difference is taken without its running median over 150 m, smoothed over 50 m.
 
 A cell has changed in a quantity if the difference is both
 
@@ -13,8 +12,7 @@ A cell has changed in a quantity if the difference is both
 * and large: ``floor_mm`` or more in cross-level, twist and versines, in gradient that over its base, in curvature that
   of a circle with such a versine over its base, ``8 floor / base^2``.
 
-Changed cells no more than 10 m apart are one change, whatever the quantities: a dip of 5 m shows in the versine over 15
-m, in the twist at either end, in the gradient 12 m before and behind.
+docs/maps.md says why.
 """
 
 from __future__ import annotations

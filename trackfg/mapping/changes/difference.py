@@ -2,27 +2,16 @@
 
 Let ``a``, ``b`` be the two estimates of one quantity, ``P_a``, ``P_b`` their variances. The variance of ``b - a`` is
 ``P_a + P_b - 2 cov(a, b)``, and the covariance follows from the runs in each (known by their content, so that it does
-not matter in which order or file they were joined):
-
-=============  ===========================  ==========================================================================
-relation       runs                         variance of b - a
-=============  ===========================  ==========================================================================
-``extended``   b has all of a's, and more   ``P_a - P_b``: b is the best estimate from more data, so its error is not
-                                            correlated with what it gained over a (an efficient estimator's error is
-                                            uncorrelated with every unbiased estimate of zero), ``cov(a, b) = P_b``
-``reduced``    a has all of b's, and more   ``P_b - P_a``, likewise
-``disjoint``   none in common               ``P_a + P_b``
-``overlapping``  some in common             ``P_a + P_b``, an upper bound: common data correlate them positively, so the
-                                            sigmas of the difference are too large and what is listed has moved
-``same``       the same                     ``P_b``: nothing random has changed, only the way of estimating; sigmas are
-                                            a yardstick there, no test
-=============  ===========================  ==========================================================================
+not matter in which order or file they were joined), as the table in docs/maps-storage.md has it. Where b has all runs
+of a and more, it is the best estimate from more data, so its error is not correlated with what it gained over a (an
+efficient estimator's error is uncorrelated with every unbiased estimate of zero): ``cov(a, b) = P_b``. With some runs
+in common ``P_a + P_b`` is an upper bound; with the same ones ``P_b`` is a yardstick, no test.
 
 A map's chainage errs by itself, smoothly, and by some centimetres from version to version: laid over each other by
 chainage alone, steep profiles would differ by that. So the grid of a is first brought to b's chainage where its track
 is recognised there (:mod:`trackfg.mapping.recognition.recognition`).
 
-The first two hold where both maps believe the same sigmas. Where they do not (other settings), ``P_a - P_b`` can be
+``P_a - P_b`` holds where both maps believe the same sigmas. Where they do not (other settings), ``P_a - P_b`` can be
 negative; the sigma of the difference is NaN then, and so is the number of sigmas.
 """
 
@@ -196,7 +185,8 @@ def _moved(relation: Relation, a: pd.DataFrame, b: pd.DataFrame) -> pd.DataFrame
             }
         )
         tables.append(table[np.isfinite(change)])
-    return pd.concat(tables).sort_index(kind="stable", ignore_index=True)
+    in_order: pd.DataFrame = pd.concat(tables).sort_index(kind="stable", ignore_index=True)
+    return in_order
 
 
 def _sections(relation: Relation, a: pd.DataFrame, b: pd.DataFrame) -> pd.DataFrame:
