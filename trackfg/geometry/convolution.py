@@ -55,7 +55,8 @@ def convolve_runs(y: Array, kernel: Array) -> Array:
 
 def kernel_frequencies(longest_m: float, step_m: float) -> Array:
     """Return the frequencies, 1/m from 0 on, at which a kernel for waves up to ``longest_m`` has its response."""
-    return np.fft.rfftfreq(2 ** int(np.ceil(np.log2(_PERIOD * longest_m / step_m))), step_m)
+    count = 2 ** int(np.ceil(np.log2(_PERIOD * longest_m / step_m)))
+    return np.asarray(np.fft.rfftfreq(count, step_m), dtype=np.float64)
 
 
 def kernel_of_response(response: Array) -> Array:

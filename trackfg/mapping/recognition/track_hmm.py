@@ -55,7 +55,10 @@ _SAME_PLACE_M = 1.0
 
 @dataclass(frozen=True)
 class Points:
-    """Points of a run: ``place`` (n, 2), m, ``variance`` (n, 2, 2), ``covariance`` (n - 1, 2, 2) with the next, m^2."""
+    """Points of a run, with the errors of their places.
+
+    ``place`` (n, 2) east and north, m; ``variance`` (n, 2, 2), and ``covariance`` (n - 1, 2, 2) with the next, m^2.
+    """
 
     place: Array
     variance: Array
