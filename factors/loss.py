@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, replace
+from typing import ClassVar
 
 import numpy as np
 
@@ -29,10 +30,13 @@ class Loss(ABC):
     def cost(self, norm: Array) -> Array:
         """Return ``rho(e)`` of each norm (m,); where factors are coupled, the cost of all together."""
 
+    kernel_sign: ClassVar[float] = 0.0
+    """Of :attr:`kernel_width`: the compiled kernels give Huber's weight for 1, Cauchy's for -1, none for 0."""
+
     @property
     def kernel_width(self) -> float:
         """What tells the compiled kernels which weight to give: 0 where they give none, and :meth:`weight` does."""
-        return 0.0
+        return self.kernel_sign * self.width
 
     @property
     def convex(self) -> Loss | None:
@@ -43,6 +47,8 @@ class Loss(ABC):
 class Huber(Loss):
     """Huber's loss grows linearly beyond the width."""
 
+    kernel_sign = 1.0
+
     def weight(self, norm: Array) -> Array:
         """See :meth:`Loss.weight`."""
         return np.minimum(1.0, self.width / np.maximum(norm, 1e-12))
@@ -52,14 +58,11 @@ class Huber(Loss):
         c = self.width
         return np.where(norm <= c, 0.5 * norm**2, c * (norm - 0.5 * c))
 
-    @property
-    def kernel_width(self) -> float:
-        """See :attr:`Loss.kernel_width`: above 0 the kernels give this loss's weight."""
-        return self.width
-
 
 class Cauchy(Loss):
     """Cauchy's loss grows with the logarithm and lets gross errors go."""
+
+    kernel_sign = -1.0
 
     def weight(self, norm: Array) -> Array:
         """See :meth:`Loss.weight`."""
@@ -69,11 +72,6 @@ class Cauchy(Loss):
         """See :meth:`Loss.cost`."""
         c = self.width
         return 0.5 * c**2 * np.log1p((norm / c) ** 2)
-
-    @property
-    def kernel_width(self) -> float:
-        """See :attr:`Loss.kernel_width`: below 0 the kernels give this loss's weight."""
-        return -self.width
 
 
 @dataclass(frozen=True)
