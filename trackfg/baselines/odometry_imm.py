@@ -77,14 +77,14 @@ class OdometryParameters:
     mean_standstill_s: float = 30.0
 
 
-def run(recording: Recording, *, parameters: OdometryParameters | None = None) -> BaselineResult:
+def run(recording: Recording) -> BaselineResult:
     """Estimate chainage, speed and events of the run, one row per step.
 
     Chainage is 0 at the start and grows or falls with the track's direction; the wheel has its nominal scale, and
     positions are not used. Sigmas are those of the filter, which knows nothing of the scale's error. Raises
     :class:`~trackfg.errors.BadInputError` without a tachometer.
     """
-    p = parameters or OdometryParameters()
+    p = OdometryParameters()
     wheel, data = required_wheel(recording, _LONGEST_GAP_S), intervals(recording)
     t = np.arange(data.edges[0], data.edges[-1], p.step_s)
     force = means_around(t, p.step_s, data.edges, data.accel)[:, 0]

@@ -90,7 +90,8 @@ class Fit:
 
 def fitted(chain: CurveChain, stretch: Stretch) -> Fit:
     """Fit places and levels of a chain to a stretch, from the given ones on (Levenberg-Marquardt)."""
-    scales = _scales(chain, stretch)
+    c = len(chain.curved)
+    scales = np.repeat(_SCALES, (len(chain.places), c, 0 if stretch.tilt is None else c))
     x = chain.parameters[: len(scales)]
     r, j = whitened_residuals(chain, stretch)
     j *= scales
@@ -159,12 +160,6 @@ def _with_cants(chain: CurveChain, tilt: Observed, tilt_edges: Array) -> CurveCh
     cant = chain.cant.copy()
     cant[chain.curved] = np.linalg.lstsq(slopes, tilt.white @ tilt.increments.measured, rcond=1e-10)[0]
     return replace(chain, cant=cant)
-
-
-def _scales(chain: CurveChain, stretch: Stretch) -> Array:
-    c = len(chain.curved)
-    counts = (len(chain.places), c, 0 if stretch.tilt is None else c)
-    return np.repeat(_SCALES, counts)
 
 
 def whitened_residuals(chain: CurveChain, stretch: Stretch) -> tuple[Array, Array]:

@@ -123,11 +123,8 @@ class _Problem:
         off = self.y - forces.F @ self.car.D.T
         moved = z[1:, :2] - z[:-1, :2] @ self.car.A(self.dt).T - forces.F[:-1] @ self.car.G(self.dt).T
         steps = np.hstack([moved, off[:-1]]) @ self.whiten_step.T
-        return (z[0] - self._start_mean) / self._start_sd, steps, self.whiten_measurement @ off[-1], forces
-
-    @property
-    def _start_mean(self) -> Array:
-        return np.array([0.0, 0.0, self.model.start])
+        start = (z[0] - [0.0, 0.0, self.model.start]) / self._start_sd
+        return start, steps, self.whiten_measurement @ off[-1], forces
 
     @property
     def _start_sd(self) -> Array:

@@ -24,7 +24,11 @@ def section_statistics(
     Shape (n,) both. Columns ``from_m, to_m, count, mean, sd, mean_abs, max_abs`` and, with a ``threshold``,
     ``share_beyond``: the share of values with ``|x| > threshold``.
     """
-    chainage, value = _finite_pairs(chainage_m, values)
+    chainage, value = np.asarray(chainage_m, dtype=np.float64), np.asarray(values, dtype=np.float64)
+    if chainage.ndim != 1 or chainage.shape != value.shape:
+        raise BadInputError(f"{value.shape} values at {chainage.shape} places; expected one value per place")
+    finite = np.isfinite(value)
+    chainage, value = chainage[finite], value[finite]
     if not section_m > 0.0:
         raise BadInputError(f"section_m is {section_m!r}; expected a length above 0")
     # A chainage such as 0.6 / 0.2 must not fall into the section before its own by rounding.
@@ -89,11 +93,3 @@ def peaks(chainage_m: ArrayLike, values: ArrayLike, limit: float | Array) -> pd.
     table = pd.DataFrame(rows, columns=["chainage_m", "value", "from_m", "to_m"], dtype=np.float64)
     table["length_m"] = table["to_m"] - table["from_m"]
     return table.sort_values("chainage_m", ignore_index=True)
-
-
-def _finite_pairs(chainage_m: ArrayLike, values: ArrayLike) -> tuple[Array, Array]:
-    chainage, value = np.asarray(chainage_m, dtype=np.float64), np.asarray(values, dtype=np.float64)
-    if chainage.ndim != 1 or chainage.shape != value.shape:
-        raise BadInputError(f"{value.shape} values at {chainage.shape} places; expected one value per place")
-    finite = np.isfinite(value)
-    return chainage[finite], value[finite]

@@ -104,17 +104,14 @@ def with_distance_by_speed(recording: Recording) -> Recording:
     silent = np.flatnonzero((np.diff(t) > _STOP_S) & (np.maximum(np.abs(speed[1:]), np.abs(speed[:-1])) < _SLOW_MPS))
     ends = np.concatenate([t[silent] + _GRID_S, t[silent + 1] - _GRID_S])
     grid = np.arange(t[0], t[-1], _GRID_S)
-    speed = np.interp(grid, *_sorted(np.concatenate([t, ends]), np.concatenate([speed, np.zeros(ends.size)])))
+    times, speeds = np.concatenate([t, ends]), np.concatenate([speed, np.zeros(ends.size)])
+    order = np.argsort(times, kind="stable")
+    speed = np.interp(grid, times[order], speeds[order])
     distance = np.concatenate([[0.0], np.cumsum(0.5 * np.diff(grid) * (speed[1:] + speed[:-1]))])
     tach = Tach(file="-", column="-", kind="speed", unit="m/s", signed=True)
     description = recording.description.model_copy(update={"tach": tach})
     table = pd.DataFrame(dict(zip(TACH_COLUMNS, (grid, distance), strict=True)))
     return replace(recording, description=description, tach=table)
-
-
-def _sorted(t: Array, values: Array) -> tuple[Array, Array]:
-    order = np.argsort(t, kind="stable")
-    return t[order], values[order]
 
 
 def further_distances(inputs: GraphInputs) -> list[Family]:

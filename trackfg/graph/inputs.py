@@ -98,11 +98,6 @@ class GraphInputs(Outlined):
         """The IMU's position in the vehicle, m, shape (3,)."""
         return np.array(self.recording.description.imu.lever_arm_m)
 
-    @property
-    def lever_arm_sd(self) -> Array:
-        """The 1-sigma of :attr:`lever_arm`, m, shape (3,)."""
-        return np.array(self.recording.description.imu.lever_arm_sigma_m)
-
     @cached_property
     def still(self) -> np.ndarray:
         """Return whether both ends of an interval and its middle are in a standstill, shape (n - 1,)."""

@@ -63,7 +63,8 @@ def priors(inputs: GraphInputs, states: States) -> list[Family]:
     imu_sd = _calibration_sd(inputs.path, noise, inputs.world.unknown_rate_sd)[None]
     offset_sd = SET_OFFSET_SD_MPS if inputs.wheel is None else max(inputs.wheel.offset_sd_mps, SET_OFFSET_SD_MPS)
     wheel_sd = np.array([[tach_clock.rail_offset_sd_m] * 2 + [tach_clock.creep_per_traction_sd] * 2 + [offset_sd]])
-    mount_sd = np.array([[np.radians(config.motion.mount_sd_deg)] * 2 + list(inputs.lever_arm_sd)])
+    lever_arm_sd = inputs.recording.description.imu.lever_arm_sigma_m
+    mount_sd = np.array([[*[np.radians(config.motion.mount_sd_deg)] * 2, *lever_arm_sd]])
     start = replace(states.nav[:1], p=states.nav.p[:1] - states.nav.R[0] @ inputs.lever_arm)
     return [
         nav_prior(first, start, nav_sd, inputs.lever_arm),

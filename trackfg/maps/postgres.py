@@ -54,8 +54,9 @@ def publish(connection: sa.Connection, schema: Schema, version: int, drawn: tupl
     ).scalar()
     for layer in drawn:
         column_type = _column_type(connection, name, layer.name)
+        type_name = "LineStringZM" if layer.is_measured else "PointZ"
         srid = WGS_84 if layer.georeferenced else _NO_SYSTEM
-        of_postgis = None if home is None or column_type == _BYTEA else _Geometry(home, _type_name(layer), srid)
+        of_postgis = None if home is None or column_type == _BYTEA else _Geometry(home, type_name, srid)
         table = layer.table(name, of_postgis or sa.LargeBinary())
         if column_type is None:
             table.create(connection, checkfirst=False)
@@ -69,10 +70,6 @@ def publish(connection: sa.Connection, schema: Schema, version: int, drawn: tupl
         rows = layer.rows(version, [None if place is None else blob(place) for place in layer.coordinates])
         if rows:
             connection.execute(table.insert(), rows)
-
-
-def _type_name(layer: Layer) -> str:
-    return "LineStringZM" if layer.is_measured else "PointZ"
 
 
 def _column_type(connection: sa.Connection, schema: str, table: str) -> str | None:

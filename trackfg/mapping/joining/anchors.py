@@ -16,7 +16,6 @@ the rows ``L^-1 [...]`` are whitened and contain all that the run's graph knows 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -173,8 +172,3 @@ def agreeing_sightings(
 def sensor_name(name: str | None, run_id: str) -> str:
     """Return the sensor's id, or for a sensor without one a name that no other run has."""
     return run_id if name is None else name
-
-
-def anchor_names(places: Sequence[float] | Array) -> list[str]:
-    """Return the names of anchors made at these chainages: whole metres."""
-    return [f"{place:.0f}" for place in places]

@@ -248,7 +248,9 @@ def _with_blocks(
         joining.progress("runs", 1.0 - (max(left, 0) + 1) / steps)
     parts = [block.part for block in blocks if block.part is not None]
     while len(parts) > 1:
-        parts = list(joining.mapped(_added_up, [parts[first : first + 2] for first in range(0, len(parts), 2)]))
+        parts = list(
+            joining.mapped(partial(reduce, together), [parts[first : first + 2] for first in range(0, len(parts), 2)])
+        )
     for part in parts:
         survey = joined(survey, part)
     longer = {run_id: anchors for block in blocks for run_id, anchors in block.longer.items()}
@@ -283,7 +285,3 @@ def _condensed(survey: Survey, runs: Sequence[tuple[str, JoinableRun]]) -> _Bloc
 
 def _part(survey: Survey, run_id: str, run: JoinableRun) -> Part:
     return part_of_run(survey, run_id, run.read(), run.place)
-
-
-def _added_up(parts: Sequence[Part]) -> Part:
-    return reduce(together, parts)

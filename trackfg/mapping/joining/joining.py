@@ -15,7 +15,6 @@ from trackfg.mapping.joining.anchors import (
     Sensor,
     Sightings,
     agreeing_sightings,
-    anchor_names,
     chainage_variable,
     information_on_anchors,
     sensor_name,
@@ -288,7 +287,8 @@ def _new_anchors(survey: Survey, profile: pd.DataFrame, to_map: Warp, sighted: S
     places = np.sort(np.concatenate([regular, ends]))
     levels = window_means(profile, "cross_level_mm", places, WINDOW_M)
     taken, names = set(survey.place), []
-    for name in anchor_names(places):
+    for place in places:
+        name = f"{place:.0f}"  # in whole metres
         while name in taken:
             name += "'"
         taken.add(name)
