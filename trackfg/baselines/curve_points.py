@@ -32,6 +32,8 @@ _MARGIN = 0.2
 """Share of the curve's value by which the lower limit is below it, and the upper one above."""
 _STRAIGHT_1PM, _LENGTH_TOLERANCE_M = 1.0 / 2000.0, 20.0
 """Curvature that counts as straight, 1/m, and the tolerance of 3, m: assumed."""
+_STRAIGHT_M, _WIDEST_RADIUS_M = 20.0, 600.0
+"""Straight beside a curve that makes a good point, and the widest radius of one, m."""
 _SLOWEST_KMH, _SEARCH_M = 10.0, 100.0
 """Least speed, km/h, and how far to either side a curve is looked for, m."""
 
@@ -69,17 +71,11 @@ class Sighting:
     refused: str
 
 
-def curve_table(
-    chainage_m: Array,
-    curvature_1pm: Array,
-    *,
-    straight_m: float = 20.0,
-    widest_radius_m: float = 600.0,
-) -> list[CurvePoints]:
+def curve_table(chainage_m: Array, curvature_1pm: Array) -> list[CurvePoints]:
     """Return the curves of a line that make good points, from its curvature (n,) over ascending chainage (n,).
 
-    Those sharper than ``widest_radius_m``, to one side only, with ``straight_m`` of straight before and after. The
-    value of a curve is the median of what is within 10 % of its peak.
+    Those sharper than 600 m, to one side only, with 20 m of straight before and after. The value of a curve is the
+    median of what is within 10 % of its peak.
     """
     bends = true_runs(np.abs(curvature_1pm) >= _STRAIGHT_1PM)
     points = []
@@ -88,23 +84,23 @@ def curve_table(
         before = float(chainage_m[bends[n - 1][1] - 1] if n else chainage_m[0])
         after = float(chainage_m[bends[n + 1][0]] if n + 1 < len(bends) else chainage_m[-1])
         bend = curvature_1pm[first:stop]
-        if entry - before < straight_m or after - leaving < straight_m or np.any(np.sign(bend) != np.sign(bend[0])):
+        if entry - before < _STRAIGHT_M or after - leaving < _STRAIGHT_M or np.any(np.sign(bend) != np.sign(bend[0])):
             continue
         size = np.abs(bend)
         value = float(np.median(size[size >= 0.9 * size.max()]))
         level = (1.0 - _MARGIN) * value
         crossings = true_runs(size >= level)
-        if value < 1.0 / widest_radius_m or len(crossings) != 1:
+        if value < 1.0 / _WIDEST_RADIUS_M or len(crossings) != 1:
             continue
         i, j = first + crossings[0][0], first + crossings[0][1] - 1
         points.append(
             CurvePoints(
-                start_m=entry - straight_m,
+                start_m=entry - _STRAIGHT_M,
                 entry_m=entry,
                 enter_m=_crossing(chainage_m, np.abs(curvature_1pm), i - 1, level),
                 leave_m=_crossing(chainage_m, np.abs(curvature_1pm), j, level),
                 exit_m=leaving,
-                end_m=leaving + straight_m,
+                end_m=leaving + _STRAIGHT_M,
                 curvature_1pm=value * float(np.sign(bend[0])),
             )
         )

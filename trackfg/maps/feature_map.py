@@ -3,17 +3,14 @@
 Everything faces increasing chainage, whichever way the runs went; SI units but where a column's suffix says otherwise;
 the 1-sigma of column ``x`` is ``x_sd``, in the same unit. NaN: not known; an empty text: does not apply.
 
-**Landmarks**, one row each, ascending chainage: begin and end of transitions and of circles (BTC, BCC, ECC, ETC) and
-named fixes. ``radius_m`` (positive), ``sense``, ``arc_length_m`` and ``cant_mm`` (positive: outer rail higher) are
-those of the circle that the point belongs to, so the four points of a plain curve repeat them; ``transition_length_m``
-and ``law`` are those of the transition that begins or ends there. The transition between two circles of a compound
-curve is bounded by the ECC of the one and the BCC of the next. Landmarks' chainages are correlated: ``covariance``
-(n, n), m^2, in the order of the rows.
+docs/maps-storage.md has every column.
 
-**Grid**, one row per cell that any run passed, chainage ascending on whole multiples of ``conventions.step_m``;
-``chainage_m_sd`` is how well the place of the cell is known. The other columns mean what they mean in a result's
-geometry (docs/geometry.md): curvature is positive to the left; cant and cross-level where the left rail is higher;
-gradient uphill; a versine where the middle of the chord lies above its ends, or to the left of them.
+**Landmarks**, one row each, ascending chainage: begin and end of transitions and of circles (BTC, BCC, ECC, ETC) and
+named fixes. What is a circle's is that of the circle that the point belongs to, so the four points of a plain curve
+repeat it. The transition between two circles of a compound curve is bounded by the ECC of the one and the BCC of the
+next. Landmarks' chainages are correlated: ``covariance`` (n, n), m^2, in the order of the rows.
+
+**Grid**, one row per cell that any run passed, chainage ascending on whole multiples of ``conventions.step_m``.
 
 **Line**, the track's centre line as vertices in the map's frame: east, north, up of the tangent frame at ``origin``,
 or a local frame of no known place where ``origin`` is None. A vertex with NaN position breaks the line.
