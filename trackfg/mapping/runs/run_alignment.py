@@ -9,13 +9,12 @@ versines may be of a band alone, so level and alignment in a band are compared i
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
 
 from trackfg.errors import BadInputError
-from trackfg.mapping.recognition.profiles import KINDS, SECTION_M
+from trackfg.mapping.recognition.profiles import KINDS
 from trackfg.mapping.recognition.recognition import Recognition, recognise
 from trackfg.mapping.recognition.warp import Warp, warped
 from trackfg.numerics.arrays import Array
@@ -33,26 +32,13 @@ _ENOUGH = 0.5
 """Share of the sections that lie on both runs by their chainages which a search has to find, or the next is tried."""
 
 
-@dataclass(frozen=True)
-class RunAlignment:
-    """A run on a reference.
+def aligned(run: Result, reference: Result, name: str, section_m: float) -> tuple[pd.DataFrame, Warp]:
+    """Return the shifts of a run over a reference, and the function from its chainage to the reference's.
 
-    ``shifts`` has a row per section, columns :data:`SHIFT_COLUMNS`: the stretch on the reference, the chainage of its
-    middle by the run, by how much that is more than by the reference, and the sigma of that. ``warp`` is the function
-    from the run's chainage to the reference's.
+    The shifts have a row per section, columns :data:`SHIFT_COLUMNS`: the stretch on the reference, the chainage of its
+    middle by the run, by how much that is more than by the reference, and the sigma of that. Raises
+    :class:`BadInputError` where the run is recognised nowhere on the reference.
     """
-
-    name: str
-    shifts: pd.DataFrame
-    warp: Warp
-
-    def brought(self, geometry: pd.DataFrame, step_m: float) -> pd.DataFrame:
-        """Return what is known of the run's geometry, by the reference's chainage."""
-        return warped(geometry.dropna(axis=1, how="all"), self.warp, step_m)
-
-
-def aligned(run: Result, reference: Result, name: str, *, section_m: float = SECTION_M) -> RunAlignment:
-    """Lay a run over a reference. Raises :class:`BadInputError` where it is recognised nowhere on it."""
     step_m = reference.summary.geometry.step_m
     band_only = run.summary.solver is None or reference.summary.solver is None
     tables = [_compared(result, step_m, band_only=band_only) for result in (run, reference)]
@@ -65,7 +51,7 @@ def aligned(run: Result, reference: Result, name: str, *, section_m: float = SEC
             f"{name}: no overlap: its track, {of_run}, is recognised nowhere on that of "
             f"{reference.summary.recording_id}, {of_reference}"
         )
-    return RunAlignment(name, _shifts(found, name, section_m), warp)
+    return _shifts(found, name, section_m), warp
 
 
 def _recognised(run: pd.DataFrame, reference: pd.DataFrame, direction: int, section_m: float) -> Recognition | None:

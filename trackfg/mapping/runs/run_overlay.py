@@ -16,7 +16,8 @@ from trackfg.errors import BadInputError
 from trackfg.geometry.repeatability import FULL_SHARE
 from trackfg.geometry.statistics import section_statistics
 from trackfg.mapping.recognition.profiles import SECTION_M
-from trackfg.mapping.runs.run_alignment import RunAlignment, aligned
+from trackfg.mapping.recognition.warp import warped
+from trackfg.mapping.runs.run_alignment import aligned
 from trackfg.numerics.chainage_grid import cells_of
 from trackfg.numerics.key_figures import Outlined
 from trackfg.results.columns import BAND_COLUMNS, CHANNELS
@@ -32,20 +33,16 @@ REPEATABILITY_COLUMNS = ("run", "channel", "sections", "sd_median", "sd_95", "sd
 class RunOverlay(Outlined):
     """Runs over the first of them, the reference.
 
-    ``alignments``: one of each further run. ``geometries``: of each run by the reference's chainage, the reference
-    first. ``differences``: one row per run, channel and section of 200 m, columns :data:`DIFFERENCE_COLUMNS`, with the
-    standard deviation and the mean of run less reference in the channel's unit.
+    ``shifts``: the sections of all further runs, columns :data:`~trackfg.mapping.runs.run_alignment.SHIFT_COLUMNS`.
+    ``geometries``: of each run by the reference's chainage, the reference first. ``differences``: one row per run,
+    channel and section of 200 m, columns :data:`DIFFERENCE_COLUMNS`, with the standard deviation and the mean of run
+    less reference in the channel's unit.
     """
 
     names: tuple[str, ...]
-    alignments: tuple[RunAlignment, ...]
+    shifts: pd.DataFrame
     geometries: tuple[pd.DataFrame, ...]
     differences: pd.DataFrame
-
-    @property
-    def shifts(self) -> pd.DataFrame:
-        """The sections of all runs, columns :data:`~trackfg.mapping.runs.run_alignment.SHIFT_COLUMNS`."""
-        return pd.concat([alignment.shifts for alignment in self.alignments], ignore_index=True)
 
     @property
     def repeatability(self) -> pd.DataFrame:
@@ -75,14 +72,15 @@ def overlaid(results: Sequence[Result], names: Sequence[str], *, section_m: floa
         raise BadInputError(f"runs of one name: {', '.join(names)}; expected each name once")
     reference = results[0]
     step_m = reference.summary.geometry.step_m
-    alignments, geometries, differences = [], [reference.geometry], []
+    shifts, geometries, differences = [], [reference.geometry], []
     for result, name in zip(results[1:], names[1:], strict=True):
-        alignment = aligned(result, reference, name, section_m=section_m)
-        geometry = alignment.brought(result.geometry, step_m)
-        alignments.append(alignment)
+        shifts_of_run, to_reference = aligned(result, reference, name, section_m)
+        geometry = warped(result.geometry.dropna(axis=1, how="all"), to_reference, step_m)
+        shifts.append(shifts_of_run)
         geometries.append(geometry)
         differences.append(_differences(reference, result, geometry, name))
-    return RunOverlay(tuple(names), tuple(alignments), tuple(geometries), pd.concat(differences, ignore_index=True))
+    found = pd.concat(shifts, ignore_index=True)
+    return RunOverlay(tuple(names), found, tuple(geometries), pd.concat(differences, ignore_index=True))
 
 
 def _differences(reference: Result, run: Result, geometry: pd.DataFrame, name: str) -> pd.DataFrame:
