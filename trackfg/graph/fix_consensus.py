@@ -87,13 +87,12 @@ class Passages:
 
 @dataclass(frozen=True)
 class Consensus:
-    """Which fixes are ``right`` (n,), and what the largest set of agreeing ones among the others is (``rival``, (n,)).
+    """Which fixes are ``right`` (n,), and by how many votes.
 
-    ``votes`` are how many places each of both sets has read.
+    ``votes``: how many places these have read, and how many the largest set of agreeing ones among the others has.
     """
 
     right: np.ndarray
-    rival: np.ndarray
     votes: tuple[int, int]
 
     @property
@@ -106,17 +105,14 @@ class Consensus:
 def consensus(passages: Passages, scale_sd: float) -> Consensus:
     """Return which fixes are right. ``scale_sd``: the relative sigma of the wheel's scale as declared."""
     n = len(passages)
-    everything = Consensus(np.ones(n, dtype=bool), np.zeros(n, dtype=bool), (n, 0))
     if n < 2:
-        return everything
+        return Consensus(np.ones(n, dtype=bool), (n, 0))
     group = _places(passages)
     first = np.flatnonzero(np.diff(group, prepend=-1))
     heads = passages.take(first)
     right = _most_likely(heads, scale_sd)
-    rival = np.zeros(len(first), dtype=bool)
-    if not right.all():
-        rival[~right] = _most_likely(heads.take(~right), scale_sd)
-    return Consensus(right[group], rival[group], (int(right.sum()), int(rival.sum())))
+    rival = 0 if right.all() else int(_most_likely(heads.take(~right), scale_sd).sum())
+    return Consensus(right[group], (int(right.sum()), rival))
 
 
 def _places(passages: Passages) -> np.ndarray:

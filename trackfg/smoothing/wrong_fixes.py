@@ -115,7 +115,7 @@ def _consensus(problem: Problem, fixes: Family) -> Consensus:
     """Return which fixes are right by the wheel; all, where there is nothing that measures the way between them."""
     start = family_of(problem.families, FactorType.PRIOR_ODO)
     if start is None or not np.ptp(problem.initial.odo.distance):
-        return Consensus(np.ones(len(fixes), dtype=bool), np.zeros(len(fixes), dtype=bool), (len(fixes), 0))
+        return Consensus(np.ones(len(fixes), dtype=bool), (len(fixes), 0))
     return consensus(_passages(problem, fixes), float(start.sigma[0, 1]))
 
 
