@@ -85,23 +85,17 @@ class Sightings:
 class Sensor:
     """A sensor whose roll in its mounting is not known, and so a variable of the map.
 
-    ``roll_sd_rad``: prior sigma of the roll about 0, greater than 0; None where an earlier run of the sensor brought it
-    into the map. ``mm_per_mrad``: the cross-level facing increasing chainage that a roll of 1 mrad makes, direction
-    times base (m).
+    ``mm_per_mrad``: the cross-level facing increasing chainage that a roll of 1 mrad makes, direction times base (m).
     """
 
     name: str
-    roll_sd_rad: float | None
     mm_per_mrad: float
 
 
 def information_on_anchors(
     run_id: str, seen: Sightings, errors: PlaceCovariance, sensor: Sensor | None, *, anchored: bool
 ) -> RunInformation:
-    """Return the rows of a run. ``sensor`` is None where the roll of its mounting is known: ``b`` is then no variable.
-
-    The first run of a sensor brings the prior of its roll.
-    """
+    """Return the rows of a run; without a ``sensor`` the roll of its mounting is known, and ``b`` no variable."""
     m = len(seen.anchors)
     covariance = errors.at(seen.chainage_m)
     covariance[np.diag_indices(2 * m)] += np.r_[seen.match_sd_m**2 + _LEAST_SD_M**2, np.full(m, _LEAST_SD_MM**2)]
@@ -119,10 +113,7 @@ def information_on_anchors(
     L = cholesky(covariance[np.ix_(kept, kept)], lower=True)
     values = np.r_[seen.chainage_m, seen.cross_level_mm[level]]
     R, d = solve_triangular(L, H, lower=True), solve_triangular(L, values, lower=True)
-    seen_alone = RunInformation(tuple(variables), R, d)
-    if sensor is None or sensor.roll_sd_rad is None:
-        return seen_alone
-    return with_roll_prior(seen_alone, sensor.name, sensor.roll_sd_rad)
+    return RunInformation(tuple(variables), R, d)
 
 
 def with_roll_prior(information: RunInformation, sensor: str, roll_sd_rad: float) -> RunInformation:

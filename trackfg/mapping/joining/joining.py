@@ -207,7 +207,7 @@ def _sensor(run_id: str, facts: RunFacts, cross_level_base_m: float) -> Sensor |
     """Return the run's sensor, None where its description gives the roll of the mounting without a sigma."""
     if facts.mount_roll_sd_rad == 0.0:
         return None
-    return Sensor(sensor_name(facts.imu_id, run_id), None, facts.direction * cross_level_base_m)
+    return Sensor(sensor_name(facts.imu_id, run_id), facts.direction * cross_level_base_m)
 
 
 def _place(survey: Survey, run_id: str, result: Result, facts: RunFacts) -> tuple[Warp, Recognition | None]:

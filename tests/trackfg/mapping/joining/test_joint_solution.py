@@ -20,6 +20,7 @@ from trackfg.mapping.joining.anchors import (
     information_on_anchors,
     roll_variable,
     sighted_values,
+    with_roll_prior,
 )
 from trackfg.mapping.joining.joint_solution import joint_solution
 from trackfg.numerics.arrays import Array
@@ -86,12 +87,9 @@ def test_condensed_runs_give_what_the_full_joint_graph_gives(
         scaled = solve_triangular(root, rows.T, trans=1)
         covariance = scaled.T @ scaled
         seen = Sightings(ANCHORS, places + rng.normal(0.0, 0.2, m), match_sd, rng.normal(0.0, 1.0, m))
-        sensor = Sensor("one", mount_sd if number == 0 else None, direction * BASE_M)
-        said.append(
-            information_on_anchors(
-                f"run{number}", seen, PlaceCovariance.of(seen.chainage_m, covariance), sensor, anchored=anchored
-            )
-        )
+        sensor, errors = Sensor("one", direction * BASE_M), PlaceCovariance.of(seen.chainage_m, covariance)
+        information = information_on_anchors(f"run{number}", seen, errors, sensor, anchored=anchored)
+        said.append(with_roll_prior(information, "one", mount_sd) if number == 0 else information)
         # The joint graph: this run's states about their estimates, as u = R x lest rows of all sizes lose digits, then
         # M, C, roll and the runs' offsets.
         noise = np.r_[np.hypot(match_sd, _LEAST_SD_M), np.full(m, _LEAST_SD_MM)]
@@ -132,8 +130,9 @@ def test_both_directions_tell_the_sensors_roll_from_the_tracks_cross_level() -> 
     said = []
     for number, direction in enumerate((1, -1, 1, -1)):
         seen = Sightings(tuple("abcde"), places, np.full(5, 0.01), true + direction * BASE_M * roll_mrad)
-        sensor = Sensor("one", 2e-3 if number == 0 else None, direction * BASE_M)
+        sensor = Sensor("one", direction * BASE_M)
         said.append(information_on_anchors(f"run{number}", seen, errors, sensor, anchored=True))
+    said[0] = with_roll_prior(said[0], "one", 2e-3)
     joint = joint_solution(said)
     row = joint.index[roll_variable("one")]
     assert abs(joint.x[row] - roll_mrad) < 0.01
@@ -147,7 +146,7 @@ def test_both_directions_tell_the_sensors_roll_from_the_tracks_cross_level() -> 
 def test_a_run_without_any_fix_is_placed_by_the_others() -> None:
     places = np.array([0.0, 250.0, 500.0])
     errors = PlaceCovariance.of(places, np.diag(np.r_[np.full(3, 0.1**2), np.full(3, 0.05**2)]))
-    sensor = Sensor("one", 1e-3, BASE_M)
+    sensor = Sensor("one", BASE_M)
     level = np.full(3, np.nan)
     anchored = information_on_anchors(
         "a", Sightings(("0", "1", "2"), places, np.zeros(3), level), errors, sensor, anchored=True
@@ -166,11 +165,11 @@ def test_what_a_run_said_is_read_back() -> None:
     places = np.array([0.0, 250.0, 500.0])
     level = np.array([1.0, np.nan, 3.0])
     errors = PlaceCovariance.of(places, np.diag(np.r_[np.full(3, 0.1**2), np.full(3, 0.05**2)]))
-    sensor = Sensor("s", 1e-3, BASE_M)
+    sensor = Sensor("s", BASE_M)
     said = information_on_anchors(
         "a", Sightings(("0", "1", "2"), places, np.zeros(3), level), errors, sensor, anchored=False
     )
-    own = sighted_values(said)
+    own = sighted_values(with_roll_prior(said, "s", 1e-3))
     assert list(own.index) == [
         "mark/0/chainage_m", "mark/1/chainage_m", "mark/2/chainage_m", "mark/0/cross_level_mm", "mark/2/cross_level_mm",
     ]  # fmt: skip

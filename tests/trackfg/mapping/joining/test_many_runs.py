@@ -122,7 +122,7 @@ def test_runs_pooled_say_what_all_their_rows_do() -> None:
     for number in range(6):
         run, anchored = f"run{number}", number != 2
         seen = Sightings(tuple("abcde"), places + rng.normal(0.0, 0.1, 5), np.full(5, 0.01), rng.normal(0.0, 1.0, 5))
-        sensor = Sensor(run if number > 3 else "shared", None, 1.067 * (-1) ** number)
+        sensor = Sensor(run if number > 3 else "shared", 1.067 * (-1) ** number)
         information = information_on_anchors(run, seen, errors, sensor, anchored=anchored)
         new = number in (0, 4, 5)
         rows[run] = with_roll_prior(information, sensor.name, 1e-3) if new else information
