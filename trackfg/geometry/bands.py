@@ -16,9 +16,8 @@ the second difference:
 response as realised (:func:`realised_band_response`) is within 1e-4 of ``G`` at every wavelength.
 
 Beyond an end, or a hole, the second difference is continued by its mean over the last ``longest`` of the profile: a
-circle goes on as a circle. Values are given from where a sine of any wavelength from ``shortest`` to four times
-``longest`` is wrong by at most 2 % of its amplitude (:func:`end_margin_m`: 51 m for D1, 167 m for D2), NaN nearer to an
-end.
+circle goes on as a circle. Nearer to it than :func:`end_margin_m` a sine from ``shortest`` to four times ``longest``
+would be wrong by more than 2 %, and values are NaN.
 """
 
 from __future__ import annotations

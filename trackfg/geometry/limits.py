@@ -49,19 +49,9 @@ Parameter = Literal[
 
 
 class Limit(BaseModel):
-    """One entry of a limit table.
+    """One entry of a limit table: docs/geometry.md says what each key and each parameter means.
 
-    ``parameter``: ``level`` and ``alignment`` need a ``band`` (D0 to D3) or a symmetrical ``chord_m``, whose versine is
-    meant, or with ``uniformity`` its deviation from the mean of nine around it. ``twist`` is over ``base_m``; ``warp``
-    is the greatest difference of cross-level between any two places less than ``base_m`` apart; ``runoff`` the change
-    of height over ``base_m`` at the end of a raise. ``cross_level`` is relative to the design's cant, or to zero on
-    tangent track; ``elevation`` is how much higher the outer rail of a curve is, ``reverse_cross_level`` the inner one.
-    ``gauge_wide`` and ``gauge_narrow`` are relative to the nominal gauge; ``gauge_change`` is the greatest difference
-    of gauge between any two places less than ``base_m`` apart.
-
-    ``kind``: the largest magnitude (``peak``), or the standard deviation or the mean's magnitude over sections of
-    ``section_m``. With ``repeats`` peaks count where so many separate ones lie within ``within_m``. The limit holds for
-    ``speed_from_kmh < speed <= speed_to_kmh``, and on ``tangent`` or ``curved`` track only where ``track`` says so.
+    The limit holds for ``speed_from_kmh < speed <= speed_to_kmh``.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)

@@ -6,10 +6,8 @@ of all runs (``joining.joint_solution``), and grid, landmarks and line moved to 
 
 The runs in the map are not needed again: their information is kept, and the grid is their weighted mean.
 
-The first runs are joined one after another. The others are held against the map as these made it, each by itself, so
-that they may be anywhere: blocks of them are condensed to what they add, and the blocks are added up two by two. Runs
-that make the map longer are joined by themselves. Which runs are in a block, and which blocks are added, depends on the
-runs alone: the map is the same to the last bit whoever computes the blocks.
+The first runs are joined one after another, the others in blocks that are added up two by two (docs/maps.md). Which
+runs are in a block depends on the runs alone: the map is the same to the last bit whoever computes the blocks.
 """
 
 from __future__ import annotations
