@@ -71,11 +71,9 @@ _BLOCK = 50_000
 
 @dataclass(frozen=True)
 class AdaptiveEkfParameters:
-    """The parameters of the filter. Raises ``BadInputError`` for those that are not above 0.
+    """The parameters of the filter (docs/baselines/adaptive-ekf.md).
 
-    ``adaptive = False`` is the patent's comparison, R = R0. ``remove_static_bias``: what the standstill at the start
-    shows of it (:mod:`trackfg.baselines.attitude`); the patent says nothing of it. ``centripetal``: take ``w x v`` out
-    of the specific force; None: unless ``as_printed``.
+    Raises ``BadInputError`` for those that are not above 0. ``centripetal`` None: unless ``as_printed``.
     """
 
     adaptive: bool = True

@@ -38,10 +38,9 @@ Method = Literal["complementary", "accelerometer", "gyro"]
 
 @dataclass(frozen=True)
 class ComplementaryParameters:
-    """The method and its filters. Raises ``BadInputError`` for parameters that make no filter.
+    """The method and its filters (docs/baselines/complementary.md).
 
-    ``T_s`` is for the complementary filter, ``low_pass_hz`` for the accelerometer alone (None: unfiltered),
-    ``detrended`` for the gyro alone. ``centripetal``: take ``v omega_z`` out of a_y; None: unless ``as_printed``.
+    Raises ``BadInputError`` for parameters that make no filter. ``centripetal`` None: unless ``as_printed``.
     """
 
     method: Method = "complementary"

@@ -65,12 +65,9 @@ _BASE_TOLERANCE_M = 0.05
 
 @dataclass(frozen=True)
 class MidChordParameters:
-    """The method, its transitions between speeds, and the filters. Raises ``BadInputError`` for an unknown method.
+    """The method, its transitions between speeds, and the filters (docs/baselines/mid-chord.md).
 
-    ``difference_band_kmh`` is the developed method's transition between difference method and mixed waveform,
-    ``inertial_band_kmh`` that to the inertial method. Assumed, not the paper's: ``attitude_time_s``, the complementary
-    filter's; ``speed_window_s``, over which the tachometer is averaged; ``slowest_kmh``, below which the inertial
-    method divides by this speed, so that it stays finite at a stop.
+    Raises ``BadInputError`` for an unknown method.
     """
 
     method: Method = "developed"

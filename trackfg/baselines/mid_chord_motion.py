@@ -20,8 +20,6 @@ With the x axis along the path these are ``V^2`` times the path's curvatures, wh
 *Zeros.* At every rest the means of the gyro, and of the specific force along z less what gravity leaves of it after the
 other two axes, are taken for the sensors' offsets until the next rest. The horizontal offsets cannot be told from a
 tilt there; the filter takes them for one, so that they do not stay in ``left``.
-
-The paper says only that the gyro corrects the accelerometer's tilt; filter, time constant and zeros are assumed.
 """
 
 from __future__ import annotations

@@ -76,10 +76,7 @@ class Car:
         return np.array([[1.0, -dt], [0.0, 1.0]])
 
     def G(self, dt: float) -> Array:
-        """Return forces of the tyres to the state, eq. 9. Shape (2, 2).
-
-        The paper's eq. 11 lacks the factor 2 and the sign of l_r: noise would enter otherwise than the force it is on.
-        """
+        """Return forces of the tyres to the state, eq. 9. Shape (2, 2)."""
         by_force = 2.0 * dt / (self.m * self.V)
         return np.array([[by_force, by_force], [2.0 * dt * self.l_f / self.I, -2.0 * dt * self.l_r / self.I]])
 

@@ -8,11 +8,11 @@ and the residuals the size. The map keeps no sigma of twist: it is taken to go w
 run's does.
 
 **Sigmas as seen.** The robust spread (1.4826 times the median magnitude) of the differences over their stated sigmas,
-for each band of speed, an octave wide, and over the whole run for bands too short to tell: it is trusted from 100 sign
-changes on, which know it to some 10 %. Where it is above 1 the sigmas are raised by it; those of cross-level and
-gradient are what it says. Of these a run too short to tell has the whole sigmas, offset and wander included. The map's
-gradient is a mean of runs with an offset each, which has a step where one of them begins or ends; the variance of such
-steps is added. (The offsets of cross-level are solved for, and make no steps.)
+for each band of speed, an octave wide, and over the whole run for bands too short to tell. Where it is above 1 the
+sigmas are raised by it; those of cross-level and gradient are what it says. Of these a run too short to tell has the
+whole sigmas, offset and wander included. The map's gradient is a mean of runs with an offset each, which has a step
+where one of them begins or ends; the variance of such steps is added. (The offsets of cross-level are solved for, and
+make no steps.)
 
 **Threshold.** By Rice's formula a Gaussian process leaves ``+-u`` sigma as often as it crosses zero, times
 ``exp(-u^2 / 2)``: the number of sign changes per metre is the number of independent places per metre. The sigma of a
