@@ -360,9 +360,12 @@ PyObject *noise_floor(PyObject *, PyObject *arguments) {
     const double *in_order = limits.data();
     const Limits given{in_order[0], in_order[1], in_order[2], in_order[3], in_order[4], in_order[5],
                        in_order[6], in_order[7], in_order[8], in_order[9], in_order[10]};
+    std::ptrdiff_t hides, shows;
+    Py_BEGIN_ALLOW_THREADS;
     const Record record(edges, gyro, accel, bridged, starts, length, dt, given);
     record.floor(seen.data());
-    const std::ptrdiff_t hides = record.hidden(lost_rows.data(), lost.data());
-    const std::ptrdiff_t shows = record.shocks(shock_rows.data(), shock.data());
+    hides = record.hidden(lost_rows.data(), lost.data());
+    shows = record.shocks(shock_rows.data(), shock.data());
+    Py_END_ALLOW_THREADS;
     return Py_BuildValue("(nn)", hides, shows);
 }

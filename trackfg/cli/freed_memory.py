@@ -4,7 +4,8 @@ Freed memory stays with the process, so that the next array of its size need not
 
 glibc maps each block above 32 MB anew and gives it back when it is freed (``man mallopt``: ``M_MMAP_THRESHOLD``). The
 kernel clears every page of it at first use. A run of an hour makes many temporaries of 17 MB and more, one of four
-hours nothing but: a third of its CPU time was the kernel's. ``docs/performance.md`` has the measurement.
+hours nothing but: a third of its CPU time was the kernel's. ``docs/performance.md`` has the measurement. All
+threads share one heap, so that each array may take what any other left.
 
 Python looks through all objects for cycles now and then, and before it ends. Modules are no garbage, and what is left
 at the end goes with the process: ten minutes of a run took 0.5 s of 2.7 s for that.
@@ -18,7 +19,7 @@ import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-_M_TRIM_THRESHOLD, _M_MMAP_MAX = -1, -4
+_M_TRIM_THRESHOLD, _M_MMAP_MAX, _M_ARENA_MAX = -1, -4, -8
 """Numbers of glibc's parameters, as ``malloc.h`` has them."""
 
 _LARGEST = 2**31 - 1
@@ -33,6 +34,7 @@ def keep_freed_memory() -> None:
     if mallopt is not None:
         mallopt(_M_MMAP_MAX, 0)
         mallopt(_M_TRIM_THRESHOLD, _LARGEST)
+        mallopt(_M_ARENA_MAX, 1)
 
 
 @contextmanager

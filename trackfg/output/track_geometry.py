@@ -9,7 +9,11 @@ once, the longest pass counts.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextvars import copy_context
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
 import pandas as pd
@@ -31,6 +35,8 @@ from trackfg.results.summary import GeometryConventions
 from trackfg.sensors.displacement import SIDES
 from trackfg.solver.covariance import Covariance, posterior_samples
 from trackfg.solver.square_root import SquareRoot
+
+_Item = TypeVar("_Item")
 
 _SAMPLES = 64
 """Draws of the posterior error: a sigma from n draws errs by ``1 / sqrt(2 n)``, 9 %."""
@@ -161,16 +167,18 @@ class _Columns:
         total = -(-rows // every)
         chunk = max(1, int(_CHUNK_M / step))
         margin = int(np.ceil(4.0 * max(self.meaning.band_m[1], self.meaning.gradient_base_m) / step))
+        # On the coarser grid white noise would look denser by the stride to a filter.
+        below = self.profile.views[0].below * every**-0.5
+        spans = [(max(0, start - margin), start, min(total, start + chunk)) for start in range(0, total, chunk)]
+        drawn = _made_ahead(
+            self._drawn(slice(low * every, (min(total, end + margin) - 1) * every + 1, every)) for low, _, end in spans
+        )
         parts: dict[str, list[Array]] = {}
-        for start in range(0, total, chunk):
-            low, high = max(0, start - margin), min(total, start + chunk + margin)
-            smooth, white = self._drawn(slice(low * every, (high - 1) * every + 1, every))
-            # On the coarser grid white noise would look denser by the stride to a filter.
-            below = self.profile.views[0].below * every**-0.5
+        for (low, start, end), (smooth, white) in zip(spans, drawn, strict=True):
             columns = self._points(_sum(smooth, white, 1.0), step) | self._bands(_sum(smooth, white, below), step)
-            own = slice(start - low, min(total, start + chunk) - low)
             for name, samples in columns.items():
-                parts.setdefault(name, []).append(_averaged(np.mean(samples**2, axis=0), step, _AVERAGED_M)[own])
+                variance = _averaged(np.mean(samples**2, axis=0), step, _AVERAGED_M)
+                parts.setdefault(name, []).append(variance[start - low : end - low])
         coarse = np.arange(0, rows, every)
         return {
             name: np.interp(np.arange(rows), coarse, np.sqrt(np.concatenate(pieces))) for name, pieces in parts.items()
@@ -237,6 +245,15 @@ def _sum(smooth: Shapes, white: Shapes, share: float) -> Shapes:
         },
         gauge=white.gauge,
     )
+
+
+def _made_ahead(items: Iterator[_Item]) -> Iterator[_Item]:
+    """Yield items in their order, each made by a thread while the one before is used."""
+    with ThreadPoolExecutor(max_workers=1) as beside:
+        ahead = beside.submit(copy_context().run, next, items, None)
+        while (item := ahead.result()) is not None:
+            ahead = beside.submit(copy_context().run, next, items, None)
+            yield item
 
 
 def _averaged(variance: Array, step_m: float, length_m: float) -> Array:

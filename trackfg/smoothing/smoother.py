@@ -8,7 +8,9 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
+from contextvars import copy_context
 from dataclasses import dataclass, field, fields, replace
 from functools import partial
 from typing import TYPE_CHECKING
@@ -210,16 +212,18 @@ def smooth_states(
     stages, views = _Stages(progress), rail_views(recording)
     known_line = known_line or recording.known_line
     network = None if known_line is None else known_line.network(recording)  # a line that cannot be used is refused now
-    solved = solved_in_time(recording, partial(_solved, config=config, views=views, stages=stages))
-    of_line = None
-    if known_line is not None and network is not None:
-        from trackfg.smoothing.known_line import on_line
+    with ThreadPoolExecutor(max_workers=1) as beside:  # checks need no solution: they run while kernels solve
+        checked = beside.submit(copy_context().run, recording_findings, recording, limits or CheckLimits())
+        solved = solved_in_time(recording, partial(_solved, config=config, views=views, stages=stages))
+        of_line = None
+        if known_line is not None and network is not None:
+            from trackfg.smoothing.known_line import on_line
 
-        of_line = on_line(solved, known_line, network, _solved_again(stages))
-        solved = of_line.run
-    with stages.stage("check"):
-        findings = recording_findings(recording, limits or CheckLimits())
-        doubts = (*recording_doubts(recording, findings), *solved.doubts)
+            of_line = on_line(solved, known_line, network, _solved_again(stages))
+            solved = of_line.run
+        with stages.stage("check"):
+            findings = checked.result()
+            doubts = (*recording_doubts(recording, findings), *solved.doubts)
     solved = replace(solved, findings=(*findings, *solved.findings), doubts=doubts)
     smoothed = replace(_with_tables(recording, views, stages, solved, feature_map), on_line=of_line)
     with stages.stage("covariance"):
