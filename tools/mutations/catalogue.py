@@ -326,6 +326,14 @@ _SOLVER = (
         ),
     ),
     Part(
+        "trackfg/solver/arcs.py",
+        ("tests/trackfg/solver/test_arcs.py",),
+        (
+            _one("a path is turned the other way", "+ np.sin(angle) * across", "- np.sin(angle) * across"),
+            _one("what is along a chord is lost", "(length + along) *", "length *"),
+        ),
+    ),
+    Part(
         "trackfg/solver/square_root.py",
         ("tests/trackfg/solver/test_covariance.py", "tests/trackfg/numerics/test_compiled.py"),
         (

@@ -20,6 +20,7 @@ import numpy as np
 
 from trackfg.factors.states import KEYFRAME_DIM, SHARED_DIM, States, Step
 from trackfg.numerics.key_figures import KeyFigures
+from trackfg.solver.arcs import along_arcs
 from trackfg.solver.elimination import eliminate
 
 if TYPE_CHECKING:
@@ -187,21 +188,27 @@ def _step(
 ) -> tuple[tuple[States, float] | None, int]:
     """Return the best of the halved or doubled steps, None if none lowers the cost, and how many were tried.
 
+    Where a step straight ahead does not lower the cost, the same one along arcs may.
+
     Reweighted least squares steps are too short where robust weights still change, so a step that helps is doubled for
     as long as that helps more.
     """
     trials = 0
+    enough = cost * (1.0 + 1e-12)
 
-    def attempt(scale: float) -> tuple[States, float]:
+    def tried(moved: States) -> tuple[States, float]:
         nonlocal trials
         trials += 1
-        moved = states.moved(step.scaled(scale))
         new = _cost(problem, families, moved)
         return moved, new if np.isfinite(new) else np.inf
 
+    def attempt(scale: float) -> tuple[States, float]:
+        straight = tried(states.moved(step.scaled(scale)))
+        return straight if straight[1] <= enough else tried(along_arcs(states, straight[0]))
+
     scale = 1.0
     best = attempt(scale)
-    while best[1] > cost * (1.0 + 1e-12):
+    while best[1] > enough:
         scale *= 0.5
         if scale < _SHORTEST:
             return None, trials

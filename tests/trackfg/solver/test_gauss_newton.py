@@ -17,7 +17,7 @@ from trackfg.factors.family import Family
 from trackfg.factors.prior import prior
 from trackfg.factors.states import ELIMINATION_ORDER, KEYFRAME_DIM, SHARED, Kind, Nav, States, retract
 from trackfg.graph.build import Problem, build_problem
-from trackfg.numerics.rotations import so3_log
+from trackfg.numerics.rotations import so3_exp, so3_log
 from trackfg.solver.covariance import posterior_covariance
 from trackfg.solver.gauss_newton import Solution, solve
 
@@ -155,6 +155,18 @@ def test_poor_start_ends_where_the_good_one_does(problem: Problem, solution: Sol
     assert poor.initial_cost > 1e3 * solution.cost
     assert poor.cost == pytest.approx(solution.cost, rel=1e-4)
     assert difference_in_sigmas(poor.states, solution.states, solution) < 0.05
+
+
+@pytest.mark.parametrize("heading_rad", [0.5, 2.0])
+def test_a_path_that_points_the_wrong_way_is_turned(problem: Problem, solution: Solution, heading_rad: float) -> None:
+    """Straight steps would lengthen each interval, which the tach contradicts: 0.5 rad takes ten, 2 rad never end."""
+    turn, nav = so3_exp(np.array([[0.0, 0.0, heading_rad]]))[0], problem.initial.nav
+    turned = Nav(turn @ nav.R, nav.p[:1] + (nav.p - nav.p[:1]) @ turn.T, nav.v @ turn.T)
+    found = solve(replace(problem, initial=replace(problem.initial, nav=turned)), TIGHT)
+    assert found.converged
+    assert found.iterations <= (8 if heading_rad < 1.0 else 25)
+    assert found.cost == pytest.approx(solution.cost, rel=1e-4)
+    assert difference_in_sigmas(found.states, solution.states, solution) < 0.05
 
 
 def test_degrees_of_freedom_are_rows_less_variables(
