@@ -34,7 +34,8 @@ from trackfg.numerics.rotations import rpy_from_matrix
 from trackfg.numerics.units import DEG_PER_H
 from trackfg.recording.findings import Finding
 from trackfg.results.verdict import Doubt
-from trackfg.smoothing.reassessment import Reassessment, SolvedRun
+from trackfg.smoothing.doubts.gradient_doubts import is_steeper_than_any_line
+from trackfg.smoothing.reassessment import Reassessment, SolvedRun, others_are_worse
 from trackfg.solver.leave_one_out import prior_left_out
 
 _FAR_SIGMAS = 4.0
@@ -170,6 +171,8 @@ def wide_priors(run: SolvedRun) -> Reassessment:
             known = first.sigma[0]
             columns = {scalar.column: scalar for scalar in scalars if known[scalar.column] >= scalar.least_sd}
             far = [c for c, scalar in columns.items() if abs(judged.sigmas[c]) > scalar.limit]
+            if kind is Kind.MOUNT and not _shows_mounting(run):
+                far = []
             if kind is Kind.IMU and far and (without_noise := _of_motion(run, problem)) is not None:
                 any_changed, problem = True, without_noise
                 continue
@@ -190,6 +193,15 @@ def wide_priors(run: SolvedRun) -> Reassessment:
             if np.abs(np.log(wanted / current.sigma)).max() > np.log(_WIDENED):
                 any_changed, problem = True, _with_sigma(problem, current, wanted)
     return Reassessment(problem, tuple(findings), tuple(doubts), changed=any_changed)
+
+
+def _shows_mounting(run: SolvedRun) -> bool:
+    """Return whether the solution may contradict what is known of the mounting.
+
+    Noise of which there is more than assumed looks like a direction of travel, and a mounting with which the line is
+    steeper than any is wrong itself.
+    """
+    return not (others_are_worse(run, 1.0) or is_steeper_than_any_line(run))
 
 
 def _widest_calibration(declared: Problem, prior: Family) -> Array:

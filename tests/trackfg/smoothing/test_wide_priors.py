@@ -16,10 +16,12 @@ from trackfg.factors.bias import EARTH
 from trackfg.factors.factor_type import FactorType
 from trackfg.factors.family import family_of
 from trackfg.factors.states import Kind, Odo
+from trackfg.graph.build import Problem
 from trackfg.numerics.geodesy import EARTH_RATE
 from trackfg.recording.findings import Finding
 from trackfg.recording.model import Recording
 from trackfg.smoothing.smoother import SmoothedStates, smooth_states
+from trackfg.smoothing.wide_priors import wide_priors
 
 TOTAL_S = 200.0
 
@@ -140,3 +142,27 @@ def test_the_turning_of_an_earth_that_is_not_declared_is_found() -> None:
     assert "the Earth turns about" in far(after)[0].message
     north = EARTH_RATE * np.cos(np.radians(35.0))
     assert np.linalg.norm(after.solution.states.imu[0, EARTH]) == pytest.approx(north, rel=0.15)
+
+
+def test_noise_beyond_the_model_leaves_the_mounting_as_known(smoothed: Callable[..., SmoothedStates]) -> None:
+    run = smoothed("mainline", seed=0, duration_s=TOTAL_S)
+    far_off = replace(run.solution.states, mount=run.solution.states.mount + np.array([0.0, 0.4, 0.0, 0.0, 0.0]))
+    seen = replace(run, solution=replace(run.solution, states=far_off), noise_ratios={"accel": 1.0})
+    noisy = replace(seen, noise_ratios={"accel": 3.0})
+    assert mounting_sd(wide_priors(seen).problem)[1] == pytest.approx(0.4, rel=0.2)
+    assert mounting_sd(wide_priors(noisy).problem)[1] == mounting_sd(run.declared)[1]
+
+
+def test_a_mounting_with_which_no_line_could_be_climbed_is_not_believed(
+    smoothed: Callable[..., SmoothedStates],
+) -> None:
+    run = smoothed("mainline", seed=0, duration_s=TOTAL_S)
+    climbing = replace(run.solution.states, mount=run.solution.states.mount + np.array([0.4, 0.0, 0.0, 0.0, 0.0]))
+    steep = replace(run, solution=replace(run.solution, states=climbing), noise_ratios={"accel": 1.0})
+    assert mounting_sd(wide_priors(steep).problem)[0] == mounting_sd(run.declared)[0]
+
+
+def mounting_sd(problem: Problem) -> np.ndarray:
+    prior = family_of(problem.families, FactorType.PRIOR_MOUNT)
+    assert prior is not None
+    return prior.sigma[0]

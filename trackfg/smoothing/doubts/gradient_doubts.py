@@ -24,15 +24,22 @@ _SHOW_HEIGHTS = FactorType.GNSS_POSITION, FactorType.DELAYED_POSITION
 
 def gradient_doubts(run: SolvedRun) -> list[Doubt]:
     """Return a doubt of all quantities where half of a run is steeper than any line and no positions say that it is."""
-    if any(run.problem.family(kind) is not None for kind in _SHOW_HEIGHTS):
-        return []
-    states = run.solution.states
-    forward = np.einsum("nij,j->ni", states.nav.R, mount_matrix(states.mount)[0, :, 0])
-    gradient = float(np.median(forward[:, 2] / np.hypot(forward[:, 0], forward[:, 1])))
-    if abs(gradient) <= _STEEPEST:
+    if not is_steeper_than_any_line(run):
         return []
     reason = (
-        f"the line would have a gradient of {1e3 * abs(gradient):.0f} permille for half of the run, and the steepest "
+        f"the line would have a gradient of {1e3 * _gradient(run):.0f} permille for half of the run, and the steepest "
         f"has {1e3 * _STEEPEST:.0f}: the sensor's mounting is not determined"
     )
     return [Doubt(QUANTITIES, math.inf, reason, "declare mount_rpy_deg of [imu]; a rack railway needs GNSS besides")]
+
+
+def is_steeper_than_any_line(run: SolvedRun) -> bool:
+    """Return whether half of a run is steeper than any line and no positions say that it is."""
+    return _gradient(run) > _STEEPEST and all(run.problem.family(kind) is None for kind in _SHOW_HEIGHTS)
+
+
+def _gradient(run: SolvedRun) -> float:
+    """Return the size of the run's median gradient."""
+    states = run.solution.states
+    forward = np.einsum("nij,j->ni", states.nav.R, mount_matrix(states.mount)[0, :, 0])
+    return abs(float(np.median(forward[:, 2] / np.hypot(forward[:, 0], forward[:, 1]))))
