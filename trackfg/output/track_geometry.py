@@ -249,10 +249,14 @@ def _sum(smooth: Shapes, white: Shapes, share: float) -> Shapes:
 
 def _made_ahead(items: Iterator[_Item]) -> Iterator[_Item]:
     """Yield items in their order, each made by a thread while the one before is used."""
+
+    def made() -> _Item | None:
+        return next(items, None)
+
     with ThreadPoolExecutor(max_workers=1) as beside:
-        ahead = beside.submit(copy_context().run, next, items, None)
+        ahead = beside.submit(copy_context().run, made)
         while (item := ahead.result()) is not None:
-            ahead = beside.submit(copy_context().run, next, items, None)
+            ahead = beside.submit(copy_context().run, made)
             yield item
 
 
