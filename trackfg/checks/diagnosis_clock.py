@@ -4,9 +4,10 @@ Forward specific force is ``f_x = dv/dt - g sin(pitch)``; the tach gives ``dv/dt
 intervals and band-passed alike (what is slow in f_x is the gradient, what is fast is vibration and pulses), are
 correlated over a range of lags. The peak, refined by a parabola through its three highest points, is the offset.
 
-Its sigma is that of least squares in ``y(t) = k x(t + offset) + e(t)`` with coloured e:
-``var = sum_l R_e(l) R_x'(l) / (k sum x'^2)^2``, R_e being the residual's sample autocovariance and R_x' the
-autocorrelation sum of ``x'`` (the sandwich formula; Newey & West, Econometrica 55, 1987).
+Its sigma is that of the zero of ``sum y(t) x'(t + offset)`` for ``y(t) = k x(t + offset) + e(t)`` with coloured e:
+``var = sum_l R_e(l) R_x'(l) / (sum y' x')^2``, R_e being the residual's sample autocovariance and R_x' the
+autocorrelation sum of ``x'`` (the sandwich formula; Newey & West, Econometrica 55, 1987). Noise of the force makes
+``x'`` larger, but not what both signals show of when the speed changes: so it is the product of both slopes that counts.
 
 A wheel that pulls or brakes creeps in proportion to the force, and turns by ``v (1 + c f / g)``. Its acceleration has
 ``c |v| f' / g`` more, which looks as if the tach were ahead by ``c |v| / g``: 0.08 s at 20 m/s with c = 0.04. Least
@@ -274,7 +275,7 @@ def _lag_sd(y: Array, x: Array, lag: float, memory: int) -> float | None:
     index = np.arange(y.size, dtype=np.float64)
     inside = (index + lag >= 0) & (index + lag <= y.size - 1)
     shifted = np.interp(index + lag, index, x)[inside]
-    slope = np.interp(index + lag, index, np.gradient(x))[inside]
+    slope, own = np.interp(index + lag, index, np.gradient(x))[inside], np.gradient(y)[inside]
     gain = float(shifted @ y[inside] / (shifted @ shifted))
     residual = y[inside] - gain * shifted
     n = residual.size
@@ -283,8 +284,8 @@ def _lag_sd(y: Array, x: Array, lag: float, memory: int) -> float | None:
     taper = 1.0 - np.abs(lags) / (reach + 1.0)
     noise = _products(residual, residual, lags) / n
     signal = _products(slope, slope, lags)
-    information = gain * float(slope @ slope)
+    information = float(slope @ own)
     variance = float(np.sum(taper * noise * signal))
-    if information == 0.0 or variance <= 0.0:
+    if not information * gain > 0.0 or variance <= 0.0:
         return None
     return float(np.sqrt(variance) / abs(information))

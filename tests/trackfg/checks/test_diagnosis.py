@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +17,10 @@ from trackfg.checks.diagnosis_axes import AXES, estimate_axes, propose_axes
 from trackfg.checks.diagnosis_clock import estimate_clock_offset
 from trackfg.checks.diagnosis_rest import noise_density, static_bias
 from trackfg.checks.diagnosis_wheel import scale_from_fixes, scale_from_gnss
-from trackfg.datasets.scenarios import simulate
+from trackfg.datasets.effects.catalogue import effect
+from trackfg.datasets.scenarios import scenario, simulate
+from trackfg.datasets.vehicle.driving import Service
+from trackfg.datasets.vehicle.motion import Limits
 from trackfg.io.check import check_recording
 from trackfg.io.reader import read_recording
 from trackfg.numerics.geodesy import normal_gravity
@@ -55,6 +59,15 @@ def test_the_clock_offset_has_an_honest_sigma(read: Callable[..., Recording]) ->
         assert offset is not None
         errors.append((offset.offset_s + 0.3) / offset.sd_s)
     assert np.sqrt(np.mean(np.square(errors))) < 2.0
+
+
+def test_a_gentle_drive_with_noise_shows_no_offset() -> None:
+    """Little of it is in the band of the comparison, and the slope of noise tells of no clock."""
+    driver = Service(Limits(0.4, 0.03), fastest_mps=15.0, start_m=5.0, start_rest_s=20.0, dwell_s=(20.0, 30.0))
+    plan = replace(scenario("mainline"), driver=driver, effects=(effect("imu-noise", 10.0),))
+    for seed in range(4):
+        offset = estimate_clock_offset(simulate(plan, seed=seed, duration_s=480.0).recording)
+        assert offset is None or (abs(offset.offset_s) < 3.0 * offset.sd_s and not offset.is_sure)
 
 
 def test_a_declared_offset_is_taken_into_account(make_draft: MakeDraft, tmp_path: Path) -> None:
