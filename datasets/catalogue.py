@@ -126,7 +126,7 @@ NARROW_YARD = replace(
 """Curves and grades of a tramway's depot, without cant. No scenario has it: low-cost sensors are tried on it."""
 
 
-SERVICE = Service(
+_SERVICE = Service(
     limits=Limits(acceleration_mps2=0.7, jerk_mps3=0.5),
     fastest_mps=MAIN_LINE.line_speed_mps,
     start_m=50.0,
@@ -135,6 +135,7 @@ SERVICE = Service(
     hurry=(0.7, 1.0),
     restrictions=SpeedRestrictions(per_km=0.15, speed_mps=(5 * KMH, 60 * KMH), length_m=(50.0, 200.0)),
 )
+"""How a passenger train runs on the main line. All figures are assumed."""
 
 
 def _named(name: str) -> dict[str, Any]:
@@ -146,7 +147,7 @@ def _all() -> list[Scenario]:
         **_named("mainline"),
         duration_s=3600.0,
         line=MAIN_LINE,
-        driver=SERVICE,
+        driver=_SERVICE,
         imu=ADIS16495_1.imu(200.0),
         tach=TachModel(creep_density=1e-3),
         irregularities=GOOD_TRACK,
@@ -208,7 +209,7 @@ def _all() -> list[Scenario]:
             mainline,
             **_named("no-stop"),
             duration_s=1200.0,
-            driver=Wandering(limits=SERVICE.limits, speed_mps=(40 * KMH, 75 * KMH), hold_s=(20.0, 90.0), start_m=50.0),
+            driver=Wandering(limits=_SERVICE.limits, speed_mps=(40 * KMH, 75 * KMH), hold_s=(20.0, 90.0), start_m=50.0),
         ),
     ]
 
@@ -275,7 +276,7 @@ def _measuring_cars() -> list[Scenario]:
         duration_s=1200.0,
         line=replace(MAIN_LINE, line_speed_mps=100 * KMH, station_spacing_m=3000.0),
         driver=replace(
-            SERVICE,
+            _SERVICE,
             limits=Limits(acceleration_mps2=0.6, jerk_mps3=0.4),
             fastest_mps=100 * KMH,
             dwell_s=(20.0, 40.0),
@@ -340,7 +341,7 @@ def _shuttle() -> Scenario:
         duration_s=1000.0,
         line=replace(MAIN_LINE, line_speed_mps=90 * KMH, radius_m=(300.0, 600.0)),
         driver=replace(
-            SERVICE,
+            _SERVICE,
             fastest_mps=90 * KMH,
             dwell_s=(20.0, 40.0),
             hurry=(0.5, 1.0),

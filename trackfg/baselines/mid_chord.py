@@ -152,7 +152,7 @@ class _Grid:
         return resample(self.place, values[..., self.rows], STEP_M)[1]
 
     def shifted(self, values: Array, by_m: float) -> Array:
-        """Return what was measured with the car at ``x`` and belongs to the row nearest to ``x + by_m``, there."""
+        """Return values measured with the car at ``x`` at the row nearest to ``x + by_m``, where they belong."""
         count = round(by_m / STEP_M)
         return weighted_neighbours(values, {-count: 1.0})
 

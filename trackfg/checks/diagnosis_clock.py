@@ -6,8 +6,8 @@ correlated over a range of lags. The peak, refined by a parabola through its thr
 
 Its sigma is that of the zero of ``sum y(t) x'(t + offset)`` for ``y(t) = k x(t + offset) + e(t)`` with coloured e:
 ``var = sum_l R_e(l) R_x'(l) / (sum y' x')^2``, R_e being the residual's sample autocovariance and R_x' the
-autocorrelation sum of ``x'`` (the sandwich formula; Newey & West, Econometrica 55, 1987). Noise of the force makes
-``x'`` larger, but not what both signals show of when the speed changes: so it is the product of both slopes that counts.
+autocorrelation sum of ``x'`` (the sandwich formula; Newey & West, Econometrica 55, 1987). Noise of the force enlarges
+``x'^2`` without telling anything of the offset; its product with ``y'`` is on average that of the motion alone.
 
 A wheel that pulls or brakes creeps in proportion to the force, and turns by ``v (1 + c f / g)``. Its acceleration has
 ``c |v| f' / g`` more, which looks as if the tach were ahead by ``c |v| / g``: 0.08 s at 20 m/s with c = 0.04. Least

@@ -16,8 +16,8 @@ the second difference:
 response as realised (:func:`realised_band_response`) is within 1e-4 of ``G`` at every wavelength.
 
 Beyond an end, or a hole, the second difference is continued by its mean over the last ``longest`` of the profile: a
-circle goes on as a circle. Nearer to it than :func:`end_margin_m` a sine from ``shortest`` to four times ``longest``
-would be wrong by more than 2 %, and values are NaN.
+circle goes on as a circle. Within :func:`end_margin_m` of an end or a hole values are NaN: there the error of a sine
+could exceed 2 % of its amplitude, for wavelengths from ``shortest`` to four times ``longest``.
 """
 
 from __future__ import annotations
@@ -68,7 +68,7 @@ BANDS = {"D0": D0, "D1": D1, "D2": D2, "D3": D3}
 
 
 def band_pass(y: ArrayLike, step_m: float, band: Band) -> Array:
-    """Return the part of a profile (..., n) in a band, in its unit; NaN :func:`end_margin_m` near an end or hole.
+    """Return the part of a profile (..., n) in a band, in its unit; NaN within :func:`end_margin_m` of an end or hole.
 
     A hole in one row is a hole in all. Raises ``BadInputError`` where the step is too long for the band.
     """

@@ -9,7 +9,7 @@ import pytest
 
 from trackfg.config import SmoothConfig
 from trackfg.datasets.scenarios import simulate
-from trackfg.factors.states import KEYFRAME_DIM, SHARED_DIM, Kind, Nav, States, Step
+from trackfg.factors.states import KEYFRAME_DIM, SHARED_DIM, Kind, Nav, Odo, States, Step
 from trackfg.graph.build import build_problem
 from trackfg.numerics.rotations import so3_exp
 from trackfg.solver.arcs import along_arcs
@@ -57,7 +57,8 @@ def test_short_steps_agree_to_first_order(states: States) -> None:
 
 def test_what_stands_still_moves_straight() -> None:
     still = Nav(np.repeat(np.eye(3)[None], 3, axis=0), np.zeros((3, 3)), np.zeros((3, 3)))
-    states = States(still, np.zeros((3, 6)), None, *np.zeros((3, 1, 1)))  # type: ignore[arg-type]
+    mount, clock, imu = (np.zeros((1, kind.dim)) for kind in (Kind.MOUNT, Kind.CLOCK, Kind.IMU))
+    states = States(still, np.zeros((3, 6)), Odo(np.zeros((3, 4))), mount, clock, imu)
     moved = replace(states, nav=Nav(still.R, np.arange(9.0).reshape(3, 3), np.ones((3, 3))))
     np.testing.assert_array_equal(along_arcs(states, moved).nav.p, moved.nav.p)
     np.testing.assert_array_equal(along_arcs(states, moved).nav.v, moved.nav.v)

@@ -77,7 +77,10 @@ class BaliseSurvey(Outlined):
 
 
 class _Error(NamedTuple):
-    """An error of ``kind`` "plan", "fix", "passage" or "wheel" is in a ``row``, "wheel" in the first passage behind."""
+    """A hypothesis: an error of ``kind`` "plan", "fix", "passage" or "wheel" in a ``row`` of the measurements.
+
+    The row of a wheel's error is the first passage behind it.
+    """
 
     kind: str
     row: int

@@ -35,7 +35,7 @@ def gradient_doubts(run: SolvedRun) -> list[Doubt]:
 
 def is_steeper_than_any_line(run: SolvedRun) -> bool:
     """Return whether half of a run is steeper than any line and no positions say that it is."""
-    return _gradient(run) > _STEEPEST and all(run.problem.family(kind) is None for kind in _SHOW_HEIGHTS)
+    return all(run.problem.family(kind) is None for kind in _SHOW_HEIGHTS) and _gradient(run) > _STEEPEST
 
 
 def _gradient(run: SolvedRun) -> float:
