@@ -79,10 +79,9 @@ def work(use: ProcessUse) -> dict[str, Work]:
     tested = 2 * n * _COLUMNS * (2.0 * K * d + K**2)
     return {
         "reading": Work(_DOUBLE * recording),
-        "graph": Work(_DOUBLE * imu),
+        "graph": Work(_DOUBLE * 2 * imu),  # the checks of the recording, which run beside it, read the samples too
         "solve": Work(_DOUBLE * use.iterations * 2 * conditionals, solved),
         "covariance": Work(_DOUBLE * (2 * conditionals + 2 * covariances), recursion + tested),
-        "check": Work(_DOUBLE * imu),
         "output": Work(_DOUBLE * (imu + trajectory)),
         "geometry": Work(_DOUBLE * (2 * drawn + (_numbers(geometry) if geometry.exists() else 0))),
         "writing": Work(_DOUBLE * tables),
