@@ -31,7 +31,8 @@ _NUMBER = re.compile(
 """Its digits may be in groups of three."""
 _DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?$")
 _DECIMAL_POINT = re.compile(r"[+-]?\d*\.\d+([eE][+-]?\d+)?$")
-_TEMPORAL = re.compile(r"\d{1,4}[-./:]\d{1,2}([-./:T ]\d{1,4}.*)?$")
+_TEMPORAL = re.compile(r"\d{1,4}[-./:]\d{1,2}([-./:T ]\d{1,4}[^,;|\t]*(,\d+[^,;|\t]*)?)?$")
+"""A date, a time of day or both. It has at most one comma, before decimals; other signs and words begin a new cell."""
 _WORD = re.compile(r"[^\W\d_]{3}")
 _IN_BRACKETS = re.compile(r"^(.*\S)\s*[\[(]\s*([^\[\]()]*)\s*[\])]$")
 _UNIT_WORD = re.compile(

@@ -52,6 +52,18 @@ def test_delimiter_decimal_sign_and_header_are_found(tmp_path, delimiter, decima
     np.testing.assert_array_equal(table.frame.to_numpy(), values)
 
 
+@pytest.mark.parametrize("delimiter", [";", ",", "\t", "|"])
+@pytest.mark.parametrize("clock", ["03:12:00.{:03d}", "03:12:00.{:03d}Z", "03:12:00.{:03d}+02:00"])
+def test_a_date_with_a_blank_beside_a_column_of_text_does_not_part_rows_at_blanks(tmp_path, delimiter, clock):
+    rows = [delimiter.join([f"2026-05-01 {clock.format(i)}", f"{i / 7:.4f}", "-0.5", "OK"]) for i in range(60)]
+    names = ["time", "gyro_x", "gyro_y", "status"]
+
+    table = read_text(_write(tmp_path, "\n".join([delimiter.join(names), *rows]) + "\n"))
+
+    assert table.columns == names
+    assert set(table.frame["status"]) == {"OK"}
+
+
 def test_units_are_taken_from_brackets_or_from_a_row_of_their_own(tmp_path):
     in_names = read_text(_write(tmp_path, "Zeit [s];Drehrate x (°/s)\n0,00;1,5\n0,01;1,6\n", "cp1252"))
     own_row = read_text(_write(tmp_path, "Zeit;Drehrate x\n[s];[°/s]\n0,00;1,5\n0,01;1,6\n", "cp1252"))
