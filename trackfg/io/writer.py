@@ -136,6 +136,9 @@ def canonical_form(recording: Recording, table_format: str) -> tuple[RecordingDe
             shared = {} if column is None else {"column": column}
             parts.append(described[name].model_copy(update={**keys, **clock, **shared}))
         changes[sensor.key] = tuple(parts) if sensor.several else parts[0] if parts else None
+    if changes["further_tach"] and changes["tach"] is None:
+        further = next(name for name in described if name.startswith("tach/"))
+        raise BadInputError(f"the recording has a {further} table but no first tach; expected a table tach, too")
     if changes["gnss"] is not None:
         origin = None if recording.gnss_origin is None else tuple(float(x) for x in recording.gnss_origin)
         changes["gnss"] = changes["gnss"].model_copy(update={"origin": origin})

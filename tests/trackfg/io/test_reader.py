@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import tomllib
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -585,6 +586,15 @@ def test_several_tachs_are_a_list(draft: Draft, tmp_path: Path) -> None:
     again = read_recording(tmp_path / "again")
     pd.testing.assert_frame_equal(again.others["tach/2"], recording.others["tach/2"], check_exact=True)
     assert again.description.further_tach[0].kind == "distance"
+
+
+def test_a_second_tach_without_a_first_one_is_not_written(draft: Draft, tmp_path: Path) -> None:
+    recording = read_recording(with_second_tach(draft, tmp_path / "rec"))
+    description = recording.description.model_copy(update={"tach": None})
+    alone = replace(recording, description=description, tach=None)
+
+    with pytest.raises(BadInputError, match="tach/2 table but no first tach; expected a table tach"):
+        write_recording(alone, tmp_path / "again")
 
 
 def test_a_fault_of_the_second_tach_is_named_as_such(draft: Draft, tmp_path: Path) -> None:

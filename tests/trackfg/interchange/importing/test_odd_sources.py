@@ -70,6 +70,16 @@ def test_phyphox_says_when_its_parts_began(drive: Drive, tmp_path: Path, importe
     np.testing.assert_allclose(back.gyro, drive.gyro, atol=1e-12)
 
 
+def test_a_column_of_phyphox_that_ends_in_y_is_no_axis(drive: Drive, tmp_path: Path, imported: Import) -> None:
+    folder = tmp_path / "log"
+    with zipfile.ZipFile(_phyphox(drive, tmp_path / "log.zip", "event,experiment time\nSTART,0\n", drive.t)) as archive:
+        archive.extractall(folder)
+    for name in ("Gyroscope.csv", "Accelerometer.csv"):
+        pd.read_csv(folder / name).assign(accuracy=3).to_csv(folder / name, index=False)
+
+    _same_imu(_recording(imported(folder)), drive)
+
+
 def test_phyphox_with_decimal_commas_and_no_dates(drive: Drive, tmp_path: Path, imported: Import) -> None:
     times = '"event";"experiment time"\n"START";0,0\n'
 

@@ -16,7 +16,7 @@ import pandas as pd
 
 from trackfg.errors import BadInputError
 from trackfg.files.temporary_folder import temporary_folder
-from trackfg.interchange.importing.columns.column_names import parts_of
+from trackfg.interchange.importing.columns.column_names import axis_and_rest
 from trackfg.interchange.importing.source_format import DialectFor, SourceFormat
 from trackfg.interchange.importing.source_table import SourceTable
 from trackfg.interchange.importing.sources.archives import names_in, unpacked
@@ -137,8 +137,13 @@ def _imu(
 
 def _axes(table: SourceTable) -> list[str]:
     """Return the columns x, y, z, which versions of the app name ``X`` or ``Gyroscope x``."""
-    names = {parts_of(name).axis: name for name in table.columns}
-    if not set("xyz") <= set(names):
+    alike: dict[str, dict[str, str]] = {}
+    for name in table.columns:
+        axis, rest = axis_and_rest(name)
+        if axis is not None:
+            alike.setdefault(rest, {})[axis] = name
+    names = next((axes for axes in alike.values() if len(axes) == len("xyz")), None)
+    if names is None:
         raise BadInputError(f"{table.name}: columns {', '.join(table.columns)}; expected one each for x, y and z")
     return [names[axis] for axis in "xyz"]
 
