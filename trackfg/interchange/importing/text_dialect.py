@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import csv
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal
@@ -41,6 +42,8 @@ _UNIT_WORD = re.compile(
     re.IGNORECASE,
 )
 """What stands in a row of units besides units of motion."""
+_MOST_SUMMARY_ROWS = 20
+"""Rows below the data that name what they sum up: mean, maximum, number of rows; more of them are data."""
 _MARKS = "#%/!* "
 """What a line that is a remark to its reader begins with: the header is often one."""
 _REMARK = re.compile(r"#|%|//|!|\*\*")
@@ -144,6 +147,22 @@ def is_remark(line: str, delimiter: str) -> bool:
         return False
     filled = [cell for cell in cells(line, delimiter) if cell]
     return len(filled) > 0 and bool(_REMARK.match(filled[0]) or (len(filled) == 1 and _WORD.match(filled[0])))
+
+
+def summary_rows(lines: Sequence[str], delimiter: str) -> int:
+    """Return how many of the last lines of a table sum it up: a word in place of the time or number that others have.
+
+    Empty lines among them count too.
+    """
+    usual = next(iter(cells(lines[0], delimiter)), "") if lines else ""
+    rows = (cells(line, delimiter) for line in reversed(lines[-_MOST_SUMMARY_ROWS - 1 :]))
+    last = next((i for i, row in enumerate(rows) if any(row) and not names_a_summary(row[0], usual)), 0)
+    return last if any(line.strip() for line in lines[len(lines) - last :]) else 0
+
+
+def names_a_summary(cell: str, usual: str) -> bool:
+    """Return whether the first cell of a row is a word, where a ``usual`` one is a time or a number."""
+    return bool(_WORD.match(cell)) and not _is_value(cell) and _is_value(usual)
 
 
 def _encoding(sample: bytes, path: Path) -> str:

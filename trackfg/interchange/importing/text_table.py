@@ -20,6 +20,8 @@ from trackfg.interchange.importing.text_dialect import (
     cells,
     dialect_of,
     is_remark,
+    names_a_summary,
+    summary_rows,
 )
 
 _BLOCK_BYTES = 1 << 22
@@ -29,19 +31,24 @@ _BLOCK_BYTES = 1 << 22
 def read_text(path: Path, options: DialectOptions | None = None) -> SourceTable:
     """Read a file of delimited text. Raises :class:`BadInputError`, with the row if one is to blame."""
     dialect = dialect_of(path, options)
+    notes: tuple[str, ...] = ()
     try:
         frame = _parsed(_source(path, dialect), dialect)
+        fault = None
     except (pa.ArrowException, UnicodeError) as error:
-        rows = _without_remarks(path, dialect)
-        if rows is None:
-            raise BadInputError(_fault(path, dialect, error)) from error
-        try:
-            frame = _parsed(pa.BufferReader(rows), dialect)
-        except pa.ArrowException as second:
-            raise BadInputError(_fault(path, dialect, second)) from second
+        fault = error
+    if fault is not None or _is_summed_up(frame):
+        rows, notes = _rows_of_data(path, dialect)
+        if rows is not None:
+            try:
+                frame = _parsed(pa.BufferReader(rows), dialect)
+            except pa.ArrowException as second:
+                raise BadInputError(_fault(path, dialect, second)) from second
+        elif fault is not None:
+            raise BadInputError(_fault(path, dialect, fault)) from fault
     if frame.empty:
         raise BadInputError(f"{path.name}: the table has no rows; expected data from row {dialect.first_row} on")
-    return SourceTable(path.name, frame, dialect.units, dialect.first_row, remarks=dialect.remarks)
+    return SourceTable(path.name, frame, dialect.units, dialect.first_row, remarks=dialect.remarks, notes=notes)
 
 
 def _source(path: Path, dialect: Dialect) -> Path | pa.BufferReader:
@@ -72,19 +79,37 @@ def _parsed(source: Path | pa.BufferReader, dialect: Dialect) -> pd.DataFrame:
     return _as_frame(pa.csv.read_csv(source, read, parse, convert), dialect.decimal)
 
 
-def _without_remarks(path: Path, dialect: Dialect) -> bytes | None:
-    """Return the file without the remarks among and below its rows; None where it has none."""
+def _is_summed_up(frame: pd.DataFrame) -> bool:
+    """Return whether the table may end in rows that sum it up, whose first cell is a word."""
+    if frame.empty or not pd.api.types.is_string_dtype(frame.iloc[:, 0]):
+        return False
+    return names_a_summary(str(frame.iloc[-1, 0]), str(frame.iloc[0, 0]))
+
+
+def _rows_of_data(path: Path, dialect: Dialect) -> tuple[bytes | None, tuple[str, ...]]:
+    """Return the file without remarks among and below its rows, and without rows that sum it up, on which is a note.
+
+    None where it has neither.
+    """
     try:
         with path.open(encoding=dialect.encoding) as stream:
             lines = list(stream)
         above, rows = lines[: dialect.first_row - 1], lines[dialect.first_row - 1 :]
         kept = [line for line in rows if not is_remark(line.rstrip("\n"), dialect.delimiter)]
+        summary = summary_rows(kept, dialect.delimiter)
     except (UnicodeDecodeError, csv.Error):
-        return None
+        return None, ()
+    kept, below = kept[: len(kept) - summary], [line.strip() for line in kept[len(kept) - summary :] if line.strip()]
     if len(kept) == len(rows):
-        return None
+        return None, ()
     text = "".join((*above, *kept))
-    return _parted(text) if dialect.by_blanks else text.encode()
+    content = _parted(text) if dialect.by_blanks else text.encode()
+    if not below:
+        return content, ()
+    beginning = printable(below[0])[:40]
+    return content, (
+        f"{path.name}: rows below the data are left out: {len(below)}, the first of which is {beginning!r}",
+    )
 
 
 def _as_frame(table: pa.Table, decimal: str) -> pd.DataFrame:

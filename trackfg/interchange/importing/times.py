@@ -268,7 +268,7 @@ def _textual(text: pd.Series, notation: TimeNotation, label: str, first_row: int
         if parsed is not None:
             break
     if parsed is None:
-        row, cell = _first_unread(text, formats[0])
+        row, cell = _first_unread(text, formats)
         raise BadInputError(
             f"{label}, row {first_row + row}: {printable(cell)[:40]!r} is no time in a known notation; expected one "
             "such as 2026-05-01T03:12:00.005. Hint: state time_format, e.g. '%d.%m.%Y %H:%M:%S.%f', in the mapping"
@@ -320,9 +320,10 @@ def _parsed(text: pd.Series, form: str) -> pd.Series | None:
         return None
 
 
-def _first_unread(text: pd.Series, form: str) -> tuple[int, str]:
-    read = pd.to_datetime(text, format=form, errors="coerce", utc=True)
-    at = int(np.flatnonzero(read.isna())[0]) if read.isna().any() else 0
+def _first_unread(text: pd.Series, formats: Sequence[str]) -> tuple[int, str]:
+    """Return the first row that is not read by the format which reads most rows before it, and its cell."""
+    missing = (pd.to_datetime(text, format=form, errors="coerce", utc=True).isna() for form in formats)
+    at = max(int(np.argmax(rows)) for rows in missing)
     return at, str(text.iloc[at])
 
 

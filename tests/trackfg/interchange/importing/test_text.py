@@ -108,6 +108,28 @@ def test_a_cell_that_is_no_number_is_named_with_its_row_in_the_file(tmp_path):
         table.numbers("y")
 
 
+@pytest.mark.parametrize(("time", "numeric"), [("25.10.2026 02:56:00,{:03d}", False), ("17,{:03d}", True)])
+@pytest.mark.parametrize("end", ["", "\n", "\nAnzahl Zeilen: 60\n"])
+def test_rows_that_sum_up_a_table_are_left_out_with_a_note(tmp_path, time, numeric, end):
+    rows = [f"{time.format(i)};0,{i:03d};1" for i in range(60)]
+    below = ["Mittelwert;0,013;", "Max;;72,0"]
+
+    table = read_text(_write(tmp_path, "\n".join(["Zeit;Drehrate X;Status", *rows, *below]) + end))
+
+    assert len(table.frame) == 60
+    assert pd.api.types.is_numeric_dtype(table.frame["Zeit"]) == numeric
+    assert pd.api.types.is_numeric_dtype(table.frame["Status"])
+    message = "log.csv: rows below the data are left out: 2, the first of which is 'Mittelwert;0,013;'"
+    assert table.notes == (message,)
+
+
+def test_words_among_the_data_are_not_its_end(tmp_path):
+    table = read_text(_write(tmp_path, "n;x\n1;0.5\n2;0.6\noverflow;0.7\n4;0.8\n"))
+
+    assert len(table.frame) == 4
+    assert not table.notes
+
+
 def test_an_unknown_encoding_is_refused(tmp_path):
     with pytest.raises(BadInputError, match="unknown encoding"):
         dialect_of(_write(tmp_path, "a;b\n1;2\n"), DialectOptions(encoding="klingon"))
@@ -160,6 +182,11 @@ def test_gps_time_is_18_s_ahead_of_utc():
 def test_a_cell_that_is_no_time_is_named_with_its_row(cell):
     with pytest.raises(BadInputError, match=r"log.csv: column 't', row 2"):
         _times(["2026-05-01T00:00:00", cell])
+
+
+def test_the_row_to_blame_is_the_first_that_the_notation_of_the_others_does_not_read():
+    with pytest.raises(BadInputError, match=r"row 3: '25.10.2026 soon' is no time"):
+        _times(["25.10.2026 02:56:00.005", "25.10.2026 02:56:00.015", "25.10.2026 soon", "25.10.2026 02:56:00.035"])
 
 
 @given(st.integers(8, 32), st.integers(1, 50), st.integers(0, 2**32))
