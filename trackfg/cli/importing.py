@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from rich.table import Table
     from rich.text import TextType
 
-    from trackfg.interchange.importing.conversion import Imported
+    from trackfg.interchange.importing.conversion import Conversion, Imported
     from trackfg.interchange.importing.proposals.questions import Ask, Proposal, Question
     from trackfg.interchange.importing.source_table import SourceTable
     from trackfg.results.result import Result
@@ -80,7 +80,8 @@ def import_recording(
     else:
         with working("reading"):
             tables = source_format(source, from_format or plan.source).tables(source, plan.dialect)
-            conversion, notes = converted(tables, plan, run_id=source.stem), _notes_of(tables)
+            conversion = converted(tables, plan, run_id=source.stem)
+            notes = _notes_of(tables, conversion)
             del tables  # the recording is read back, and there is no need for both in memory
             made = conversion.write(out)
         _note(notes)
@@ -142,7 +143,8 @@ def _proposed(source: Path, out: Path, from_format: str | None, ask: Ask) -> tup
         proposal = propose(tables, ask_alone, form.mapping(tables))
         proposal.sections["source"] = form.key
         mapping = mapping_of(proposal.sections, "proposed mapping")
-        conversion, notes = converted(tables, mapping, run_id=source.stem), _notes_of(tables)
+        conversion = converted(tables, mapping, run_id=source.stem)
+        notes = _notes_of(tables, conversion)
         for name, columns in unused_columns(proposal.sections, tables).items():
             more = f" and {len(columns) - _MOST_NAMED} more" if len(columns) > _MOST_NAMED else ""
             notes.append(f"not used of {name}: {', '.join(columns[:_MOST_NAMED])}{more}")
@@ -174,9 +176,9 @@ def _note_reasons(proposal: Proposal, shown: Container[str] = ()) -> None:
     _note(f"{key}: {reason}" for key, reason in proposal.reasons.items() if key not in shown)
 
 
-def _notes_of(tables: Sequence[SourceTable]) -> list[str]:
+def _notes_of(tables: Sequence[SourceTable], conversion: Conversion) -> list[str]:
     """Return what reading has assumed."""
-    return [text for table in tables for text in table.notes]
+    return [*(text for table in tables for text in table.notes), *conversion.notes]
 
 
 def _note(notes: Iterable[str]) -> None:

@@ -85,11 +85,15 @@ class Imported:
 
 @dataclass
 class Conversion:
-    """A recording in memory, until it is written: its description, its tables by file, and the mapping's name."""
+    """A recording in memory, until it is written: its description, its tables by file, and the mapping's name.
+
+    ``notes`` say what reading times has assumed.
+    """
 
     description: dict[str, Any]
     files: dict[str, pd.DataFrame]
     mapping_name: str
+    notes: tuple[str, ...] = ()
 
     def write(self, folder: Path) -> Imported:
         """Write the recording, complete or not at all; each table is dropped from memory once it is written.
@@ -126,7 +130,8 @@ def converted(tables: Sequence[SourceTable], mapping: Mapping, *, run_id: str) -
     parts = [part._replace(times=part.times.beside(clocks)) for part in parts]
     start_ns = _start(parts, mapping, next((t.start_ns for t in tables if t.start_ns is not None), None))
     description, files = _described(parts, mapping, start_ns, run_id)
-    return Conversion(description, files, mapping.name)
+    notes = dict.fromkeys(note for part in parts for note in part.times.notes)
+    return Conversion(description, files, mapping.name, tuple(notes))
 
 
 def table_named(tables: Sequence[SourceTable], pattern: str, section: str) -> SourceTable:
@@ -265,7 +270,7 @@ def _in_order(table: SourceTable, sensor: MappedSensor) -> tuple[SourceTable, Ti
         table, times = _taken(table, times, np.flatnonzero(~twice))
         since = times.since(times.first_ns)
     spread = spread_stamps(since)
-    return table, times if spread is since else Times.after(times.first_ns, spread, times.zone)
+    return table, times if spread is since else Times.after(times.first_ns, spread, times.zone, times.notes)
 
 
 def _taken(table: SourceTable, times: Times, rows: np.ndarray) -> tuple[SourceTable, Times]:
@@ -319,7 +324,8 @@ def _merged_imu(sensor: MappedSensor, gyro: SourceTable, accel: SourceTable) -> 
             columns[f"{prefix}_{name}"] = column[kept] if i == faster else np.interp(common, t[i], column)
         keys[prefix] = [f"{prefix}_{name}" for name in values]
         keys |= {key: value for key, value in own.items() if value is not None}
-    return _Part(sensor, Times.after(zero, common, clocks[faster].zone), columns, keys)
+    notes = tuple(note for times in clocks for note in times.notes)
+    return _Part(sensor, Times.after(zero, common, clocks[faster].zone, notes), columns, keys)
 
 
 def _start(parts: Sequence[_Part], mapping: Mapping, stated_ns: int | None) -> int | None:

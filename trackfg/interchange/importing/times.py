@@ -49,8 +49,18 @@ _DATE_FORMATS = (
     "%Y%m%d_%H%M%S.%f",
     "%m/%d/%Y %H:%M:%S.%f",
     "%m/%d/%Y %H:%M:%S",
+    "%d-%m-%Y %H:%M:%S.%f",
+    "%d-%m-%Y %H:%M:%S",
+    "%m-%d-%Y %H:%M:%S.%f",
+    "%m-%d-%Y %H:%M:%S",
+    "%d.%m.%y %H:%M:%S.%f",
+    "%d.%m.%y %H:%M:%S",
+    "%y.%m.%d %H:%M:%S.%f",
+    "%y.%m.%d %H:%M:%S",
 )
-"""Tried in this order. A date with slashes is day first where it can be; with AM or PM it is month first."""
+"""Tried in this order. With AM or PM a date is month first."""
+_OTHER_ORDER = {"%d/%m/%Y": "%m/%d/%Y", "%d-%m-%Y": "%m-%d-%Y", "%d.%m.%y": "%y.%m.%d"}
+"""Beginnings of formats whose dates may be meant in another order: that is taken where only so no day is left out."""
 
 _ZONE_HOURS = {"utc": 0, "gmt": 0, "z": 0, "cet": 1, "mez": 1, "cest": 2, "mesz": 2, "eet": 2, "eest": 3, "jst": 9}
 """Abbreviations of zones that mean one only, h; CST, EST, IST and the like are used for several."""
@@ -59,6 +69,7 @@ _PERIODS_S = (604_800.0, 86_400.0)
 """Times that start again: those of the week of GPS, and of the day, s."""
 
 _CLOCK_FORMATS = ("%H:%M:%S.%f", "%H:%M:%S")
+_COLON_BEFORE_MS = re.compile(r"(\d:\d{2}:\d{2}):(\d{3})$")
 _DAY_S = 86_400
 _DAY_NS = _DAY_S * 1_000_000_000
 
@@ -85,12 +96,13 @@ class TimeNotation:
 class Times:
     """Times are either on the calendar, ``ns`` (n,) since 1970 UTC, or ``seconds`` (n,) from a zero of their own.
 
-    That zero is midnight where they are times of day, written in ``zone``.
+    That zero is midnight where they are times of day, written in ``zone``. ``notes`` say what reading has assumed.
     """
 
     ns: np.ndarray | None
     seconds: Array | None
     zone: tzinfo | None = None
+    notes: tuple[str, ...] = ()
 
     def since(self, start_ns: int | None) -> Array:
         """Return seconds since ``start_ns``, or since their own zero where they are not on the calendar."""
@@ -100,11 +112,11 @@ class Times:
         return np.asarray((self.ns - (start_ns or 0)) / 1e9)
 
     @classmethod
-    def after(cls, start_ns: int | None, seconds: Array, zone: tzinfo | None) -> Times:
+    def after(cls, start_ns: int | None, seconds: Array, zone: tzinfo | None, notes: tuple[str, ...] = ()) -> Times:
         """Return times that :meth:`since` turns into ``seconds`` (n,); None: they are not on the calendar."""
         if start_ns is None:
-            return cls(None, seconds, zone)
-        return cls(start_ns + np.round(seconds * 1e9).astype(np.int64), None)
+            return cls(None, seconds, zone, notes)
+        return cls(start_ns + np.round(seconds * 1e9).astype(np.int64), None, notes=notes)
 
     def beside(self, others: Sequence[Times]) -> Times:
         """Return times of day on the day of ``others``: the first of those with dates, else the first times of day.
@@ -257,15 +269,18 @@ def unwrapped(count: Array, wraps_at: float | None = None) -> Array:
 
 def _textual(text: pd.Series, notation: TimeNotation, label: str, first_row: int) -> Times:
     if notation.format is None:
-        text, ahead_ns = _without_zones(text.str.replace(",", ".", regex=False))
+        text = text.str.replace(",", ".", regex=False).str.replace(_COLON_BEFORE_MS, r"\1.\2", regex=True)
+        text, ahead_ns = _without_zones(text)
     else:
         ahead_ns = None
     clock = notation.format is None and text.iloc[:100].str.fullmatch(r"\d{1,2}:\d{2}(:\d{2}(\.\d+)?)?").all()
     formats = (notation.format,) if notation.format else _CLOCK_FORMATS if clock else _DATE_FORMATS
-    parsed = None
+    parsed, notes = None, tuple[str, ...]()
     for form in formats:
         parsed = _parsed(text, form)
         if parsed is not None:
+            if notation.format is None:
+                parsed, notes = _in_order_of_days(text, parsed, form, label)
             break
     if parsed is None:
         row, cell = _first_unread(text, formats)
@@ -278,9 +293,31 @@ def _textual(text: pd.Series, notation: TimeNotation, label: str, first_row: int
         return _of_the_day(ns - (0 if ahead_ns is None else ahead_ns), notation.zone, label)
     if parsed.dt.tz is not None:
         parsed = parsed.dt.tz_convert("UTC").dt.tz_localize(None)
-        return Times(parsed.astype("datetime64[ns]").astype(np.int64).to_numpy(), None)
+        return Times(parsed.astype("datetime64[ns]").astype(np.int64).to_numpy(), None, notes=notes)
     ns = parsed.astype("datetime64[ns]").astype(np.int64).to_numpy()
-    return Times(_as_utc(ns, notation.zone, label) if ahead_ns is None else ns - ahead_ns, None)
+    return Times(_as_utc(ns, notation.zone, label) if ahead_ns is None else ns - ahead_ns, None, notes=notes)
+
+
+def _in_order_of_days(text: pd.Series, parsed: pd.Series, form: str, label: str) -> tuple[pd.Series, tuple[str, ...]]:
+    """Return dates in that order of day and month in which no day is left out, with a note where both orders do."""
+    taken = next((order for order in _OTHER_ORDER if form.startswith(order)), None)
+    if taken is None:
+        return parsed, ()
+    other_form = form.replace(taken, _OTHER_ORDER[taken])
+    other = _parsed(text, other_form)
+    if other is None or other.equals(parsed):
+        return parsed, ()
+    if _leaves_out_days(parsed) != _leaves_out_days(other):
+        return (other if _leaves_out_days(parsed) else parsed), ()
+    at = int(np.argmax((parsed != other).to_numpy()))
+    note = f"{label}: {text.iloc[at]!r} is taken for {parsed.iloc[at]:%Y-%m-%d}"
+    hint = f"Hint: if it is {other.iloc[at]:%Y-%m-%d}, state time_format = '{other_form}' in the mapping"
+    return parsed, (f"{note}. {hint}",)
+
+
+def _leaves_out_days(dates: pd.Series) -> bool:
+    """Return whether a day follows another one than itself and those beside it."""
+    return bool((dates.dt.normalize().diff().abs() > pd.Timedelta(days=1)).any())
 
 
 def _without_zones(text: pd.Series) -> tuple[pd.Series, np.ndarray | None]:

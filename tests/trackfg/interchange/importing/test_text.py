@@ -147,13 +147,30 @@ def _times(cells: list, **notation: object) -> np.ndarray:
         ["2026-05-01T03:12:00.000Z", "2026-05-01T03:12:00.005Z"],
         ["2026-05-01 03:12:00,000", "2026-05-01 03:12:00,005"],
         ["01.05.2026 03:12:00,000", "01.05.2026 03:12:00,005"],
+        ["01-05-2026 03:12:00.000", "01-05-2026 03:12:00.005"],
+        ["01.05.26 03:12:00,000", "01.05.26 03:12:00,005"],
         ["03:12:00.000", "03:12:00.005"],
+        ["03:12:00:000", "03:12:00:005"],
+        ["2026-05-01 03:12:00:000", "2026-05-01 03:12:00:005"],
         [1_777_605_120_000, 1_777_605_120_005],
         [1_777_605_120_000_000_000, 1_777_605_120_005_000_000],
         [0.0, 0.005],
         [1_777_605_120.000, 1_777_605_120.005],
     ],
-    ids=["ISO", "ISO with a blank", "German", "time of day", "Unix ms", "Unix ns", "seconds", "Unix s"],
+    ids=[
+        "ISO",
+        "ISO with a blank",
+        "German",
+        "day first with dashes",
+        "years of two digits",
+        "time of day",
+        "colon before ms",
+        "ISO with a colon before ms",
+        "Unix ms",
+        "Unix ns",
+        "seconds",
+        "Unix s",
+    ],
 )
 def test_times_in_any_notation_are_seconds(cells):
     read = _times(cells)
@@ -167,6 +184,39 @@ def test_a_time_zone_and_a_midnight_are_minded():
 
     assert times.ns[0] == pd.Timestamp("2026-07-01T10:00:00Z").value
     np.testing.assert_allclose(_times(["23:59:59.5", "00:00:00.5"]), [86399.5, 86400.5])
+
+
+@pytest.mark.parametrize(
+    ("cells", "start", "noted"),
+    [
+        (["05/04/2026 23:59:59.5", "05/05/2026 00:00:00.5"], "2026-05-04", False),
+        (["04/05/2026 23:59:59.5", "05/05/2026 00:00:00.5"], "2026-05-04", False),
+        (["31/05/2026 23:59:59.5", "01/06/2026 00:00:00.5"], "2026-05-31", False),
+        (["05/31/2026 23:59:59", "06/01/2026 00:00:00"], "2026-05-31", False),
+        (["05/04/2026 12:58:00", "05/04/2026 12:58:01"], "2026-04-05", True),
+        (["05-04-2026 12:58:00", "05-04-2026 12:58:01"], "2026-04-05", True),
+        (["05/05/2026 12:58:00", "05/05/2026 12:58:01"], "2026-05-05", False),
+        (["01.05.26 12:58:00", "01.05.26 12:58:01"], "2026-05-01", True),
+        (["26.04.30 23:59:59", "26.05.01 00:00:00"], "2026-04-30", False),
+    ],
+)
+def test_dates_are_in_the_order_that_leaves_out_no_day_or_a_note_says_which(cells, start, noted):
+    times = read_times(SourceTable("log.csv", pd.DataFrame({"t": cells})), ("t",), TimeNotation())
+
+    assert str(times.ns[0].astype("datetime64[ns]"))[:10] == start
+    assert times.ns[1] - times.ns[0] == 1_000_000_000
+    assert len(times.notes) == noted
+    assert all(f"is taken for {start}. Hint: if it is" in note for note in times.notes)
+
+
+def test_a_format_that_is_stated_is_not_doubted():
+    table = SourceTable("log.csv", pd.DataFrame({"t": ["05/04/2026 12:58:00", "05/04/2026 12:58:01"]}))
+    noted = read_times(table, ("t",), TimeNotation()).notes[0]
+
+    times = read_times(table, ("t",), TimeNotation(format=noted.split("'")[-2]))
+
+    assert times.ns[0] == pd.Timestamp("2026-05-04T12:58:00Z").value
+    assert not times.notes
 
 
 def test_gps_time_is_18_s_ahead_of_utc():
