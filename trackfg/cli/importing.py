@@ -32,6 +32,7 @@ Format = Annotated[
 _SHOWN = {
     "imu": {
         "time": ("time", "time_unit"),
+        "time_zone": ("its zone", ""),
         "gyro": ("gyro", "gyro_unit"),
         "accel": ("accelerometer", "accel_unit"),
         "axes": ("axes", ""),
@@ -221,7 +222,10 @@ def _ask(question: Question) -> str:
                     raise InvalidResponse(f"[prompt.invalid]expected {' or '.join(question.choices)}")
                 return begun[0]
             if not answer or not question.accepts(answer):
-                raise InvalidResponse(f"[prompt.invalid]{escape(answer) or 'An empty answer'} is not understood")
+                refused = escape(answer) or "An empty answer"
+                raise InvalidResponse(
+                    f"[prompt.invalid]{refused} is not understood; expected {escape(question.expected)}"
+                )
             return answer
 
     text = escape(question.text)

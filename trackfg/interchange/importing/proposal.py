@@ -188,7 +188,8 @@ def _time_zone(proposal: Proposal, tables: Sequence[SourceTable], ask: Ask) -> N
     if not without or any("time_zone" in part for part in without):
         return
     text = "Time zone of the dates, which state none (UTC, Europe/Zurich, ...)"
-    zone = asked(ask, Question("time_zone", text, "UTC", accepts=is_zone), "a zone such as Europe/Zurich")
+    expected = "a zone such as Europe/Zurich"
+    zone = asked(ask, Question("time_zone", text, "UTC", accepts=is_zone, expected=expected))
     for part in without:
         part["time_zone"] = zone
     proposal.reasons["imu.time_zone"] = "the dates state none"
@@ -214,7 +215,12 @@ def _start(proposal: Proposal, ask: Ask) -> None:
     text = "Official place where the run begins, as 12+345 (empty: not known)"
     km = ask(
         Question(
-            "kilometrage.equation", text, "", accepts=lambda place: metres_of(place, "km") is not None, optional=True
+            "kilometrage.equation",
+            text,
+            "",
+            accepts=lambda place: metres_of(place, "km") is not None,
+            optional=True,
+            expected="a place such as 12+345",
         )
     )
     if not km.strip():

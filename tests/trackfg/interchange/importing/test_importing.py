@@ -61,6 +61,8 @@ def test_a_vendor_s_log_needs_one_command_and_no_script(tmp_path):
     done = _trackfg("init", source, "-o", out, answers="90\n0.92\nnowhere\nUTC\n\n\n")
 
     assert done.returncode == 0, done.stderr
+    assert "nowhere is not understood; expected a zone such as Europe/Zurich" in " ".join(done.stdout.split())
+    assert "time_zone" not in done.stderr  # it was answered
     recording = read_recording(out)
     imu = ["wx_radps", "wy_radps", "wz_radps", "fx_mps2", "fy_mps2", "fz_mps2"]
     np.testing.assert_allclose(recording.imu[imu], original.imu[imu], atol=2e-6)
@@ -91,7 +93,7 @@ def test_init_says_what_it_recognised_and_takes_the_place_where_the_run_begins(t
     assert done.returncode == 0, done.stderr
     said = " ".join(done.stdout.split())
     assert "expected yes or no" in said  # a choice may be begun, not guessed
-    assert "not understood" in said
+    assert "nowhere is not understood; expected a place such as 12+345" in said
     assert "Recognised in trolley.csv" in said
     toml = tomllib.loads((tmp_path / "run" / "recording.toml").read_text())
     assert toml["imu"]["rigid"] is True

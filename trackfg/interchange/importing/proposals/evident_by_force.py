@@ -85,8 +85,9 @@ def _axes(proposal: Proposal, estimates: Estimates, recording: Recording, ask: A
     vertical = int(np.argmax(np.abs(up)))
     default = next(axes for axes in AXES if axes[vertical] == ("U" if up[vertical] > 0 else "D") and "F" in axes)
     text = "Where do x, y, z point: forward F or back B, left L or right R, up U or down D"
-    question = Question("imu.axes", text, default, accepts=lambda answer: answer.upper() in AXES)
-    imu["axes"] = asked(ask, question, "a right-handed triad such as FLU").upper()
+    expected = "a right-handed triad such as FLU"
+    question = Question("imu.axes", text, default, accepts=lambda answer: answer.upper() in AXES, expected=expected)
+    imu["axes"] = asked(ask, question).upper()
     proposal.reasons["imu.axes"] = "gravity shows which axis is vertical; the others were answered"
 
 

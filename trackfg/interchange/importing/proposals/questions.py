@@ -22,8 +22,8 @@ from trackfg.interchange.importing.source_table import SourceTable
 class Question:
     """A question has a ``key``, a ``text``, and a ``default`` that is taken without an answer; empty: there is none.
 
-    ``choices``: the answers that are possible, if they can be listed; ``accepts`` tells whether one is. One that is
-    ``optional`` may be left without an answer.
+    ``choices``: the answers that are possible, if they can be listed; ``accepts`` tells whether one is, ``expected``
+    says what it looks like. One that is ``optional`` may be left without an answer.
     """
 
     key: str
@@ -32,28 +32,29 @@ class Question:
     choices: tuple[str, ...] = ()
     accepts: Callable[[str], bool] = lambda _: True
     optional: bool = False
+    expected: str = "an answer"
 
 
 Ask = Callable[[Question], str]
 
 
-def asked(ask: Ask, question: Question, expected: str) -> str:
+def asked(ask: Ask, question: Question) -> str:
     """Return the answer. Raises :class:`BadInputError` where there is none, or none that the question accepts."""
     answer = ask(question)
     if not answer.strip():
         raise BadInputError(
-            f"{question.key}: the source does not say it ({question.text}); expected {expected}. Hint: answer the "
-            "question of trackfg init, or state the key in a mapping (docs/importing.md)"
+            f"{question.key}: the source does not say it ({question.text}); expected {question.expected}. Hint: answer "
+            "the question of trackfg init, or state the key in a mapping (docs/importing.md)"
         )
     if not question.accepts(answer):
-        raise BadInputError(f"{question.key}: {answer!r} is not understood; expected {expected}")
+        raise BadInputError(f"{question.key}: {answer!r} is not understood; expected {question.expected}")
     return answer
 
 
 def asked_number(ask: Ask, key: str, text: str, default: str) -> float:
     """Return a number above zero."""
     expected = f"a number such as {default}" if default else "a number"
-    return float(asked(ask, Question(key, text, default, accepts=_is_positive), expected))
+    return float(asked(ask, Question(key, text, default, accepts=_is_positive, expected=expected)))
 
 
 def _is_positive(answer: str) -> bool:
@@ -67,8 +68,10 @@ def asked_unit(ask: Ask, key: str, text: str, default: str, quantity: Quantity) 
     """Return a unit of that quantity, perhaps with the number that one count stands for."""
     examples = {"angular rate": "rad/s, deg/s, 8.75 mdeg/s", "acceleration": "m/s^2, g, 0.122 mg", "speed": "m/s, km/h"}
     expected = f"a unit such as {examples.get(quantity, 'm')}"
-    question = Question(key, text, default, accepts=lambda answer: factor_of(answer, quantity) is not None)
-    return asked(ask, question, expected)
+    return asked(
+        ask,
+        Question(key, text, default, accepts=lambda answer: factor_of(answer, quantity) is not None, expected=expected),
+    )
 
 
 @dataclass
