@@ -57,6 +57,12 @@ def test_a_table_to_import(log: pd.DataFrame, tmp_path: Path) -> None:
     assert (table["low"] < table["deviation"]).all()
 
 
+def test_pulses_beside_a_rest_log_need_no_answer(log: pd.DataFrame, tmp_path: Path) -> None:
+    log.iloc[: round(100 * RATE_HZ)].assign(pulses=17).to_csv(tmp_path / "log.csv", index=False)
+    done = trackfg_noise(tmp_path / "log.csv")
+    assert done.returncode == 0, done.stderr
+
+
 def test_a_recording_in_other_units(log: pd.DataFrame, tmp_path: Path) -> None:
     (tmp_path / "recording.toml").write_text(RECORDING, encoding="utf-8")
     table = log[["t", "temperature"]].rename(columns={"temperature": "chip_temp"})

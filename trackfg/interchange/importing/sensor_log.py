@@ -22,6 +22,8 @@ from trackfg.recording.model import Recording
 
 _TEMPERATURE = re.compile(r"temp|\bdegc\b|°c", re.IGNORECASE)
 """What the name of a column of temperatures contains."""
+_ANSWERS = {"tach.pulses_per_rev": "1"}
+"""What is not asked: no noise depends on the wheel."""
 
 
 def read_sensor_log(path: Path, ask: Ask, temperature: str | None = None) -> tuple[Recording, tuple[str, Array] | None]:
@@ -47,7 +49,7 @@ def read_sensor_log(path: Path, ask: Ask, temperature: str | None = None) -> tup
         return recording, (name, _beside(values, recording, name))
     form = source_format(path, None)
     tables = form.tables(path, lambda _: None)
-    proposal = propose(tables, ask, form.mapping(tables))
+    proposal = propose(tables, lambda question: _ANSWERS.get(question.key) or ask(question), form.mapping(tables))
     proposal.sections["source"] = form.key
     with temporary_folder() as folder:
         made = write_imported(

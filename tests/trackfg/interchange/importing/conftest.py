@@ -34,18 +34,17 @@ def drive() -> Drive:
     return Drive(t, gyro, accel, speed, gnss_t, 46.9 + distance / 111_200.0, 7.4 + 0 * gnss_t, 500.0 + 0 * gnss_t)
 
 
-def _default(question: Question) -> str:
-    return question.default
-
-
 @pytest.fixture
 def imported(tmp_path: Path) -> Callable[..., Imported]:
-    """Import a source with the default answer to every question."""
+    """Import a source with answers by key, ``tach_pulses_per_rev`` for instance, and the default to other questions."""
 
-    def run(source: Path, name: str | None = None) -> Imported:
+    def run(source: Path, name: str | None = None, **answers: str) -> Imported:
+        def answer(question: Question) -> str:
+            return answers.get(question.key.replace(".", "_"), question.default)
+
         form = source_format(source, name)
         tables = form.tables(source, lambda _: None)
-        proposal = propose(tables, _default, form.mapping(tables))
+        proposal = propose(tables, answer, form.mapping(tables))
         mapping = mapping_of(proposal.sections, "proposal")
         return write_imported(tables, mapping, tmp_path / "imported", run_id=source.stem)
 

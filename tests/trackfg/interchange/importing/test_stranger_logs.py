@@ -443,6 +443,19 @@ def test_a_unit_that_is_not_known_is_asked_and_turns_need_the_wheel(drive: Drive
         _answered(unknown, tmp_path / "u")
 
 
+def test_pulses_per_turn_are_not_assumed(drive: Drive, tmp_path: Path) -> None:
+    pulses = np.floor(np.cumsum(drive.speed) / 100.0 / (np.pi * 0.92 / 90)).astype(int)
+    rows = [
+        [*row[:7], str(n)] for row, n in zip(_cells(drive, _seconds(drive), rate=DEG, force=G), pulses, strict=True)
+    ]
+    source = _text(tmp_path / "log.csv", [HEAD.replace("wheel_kmh", "pulses")], rows)
+
+    with pytest.raises(BadInputError, match=r"tach\.pulses_per_rev: the source does not say it \(Pulses per turn"):
+        _answered(source, tmp_path / "assumed")
+    recording, _ = _answered(source, tmp_path / "r", tach_pulses_per_rev="90")
+    _is_of(recording, drive, dated=False)
+
+
 def test_samples_without_times_are_counted_at_a_rate_that_is_stated_or_asked(drive: Drive, tmp_path: Path) -> None:
     names = "counter,gx_dps,gy_dps,gz_dps,ax_g,ay_g,az_g,wheel_kmh"
     rows = _cells(drive, [str((i + 200) % 256) for i in range(drive.t.size)], rate=DEG, force=G, wheel=1 / 3.6)

@@ -84,7 +84,7 @@ def test_names_in_two_rows_above_a_row_of_units(drive: Drive, tmp_path: Path, im
     ]
     path = _lines(tmp_path / "imu.txt", *head, *_rows(drive, written, ";"))
 
-    back = _recording(imported(path))
+    back = _recording(imported(path, tach_pulses_per_rev="4096"))
 
     np.testing.assert_allclose(back.gyro, drive.gyro, atol=1e-9)
     np.testing.assert_allclose(back.accel, drive.accel, atol=1e-9)

@@ -33,7 +33,7 @@ def propose_tach(proposal: Proposal, tables: Sequence[SourceTable], ask: Ask) ->
             if kind == "count":
                 text = f"Pulses per turn of the wheel, in {name}"
                 section["kind"] = "pulses"
-                section["pulses_per_rev"] = asked_number(ask, "tach.pulses_per_rev", text, "1")
+                section["pulses_per_rev"] = asked_number(ask, "tach.pulses_per_rev", text, "")
                 section["wheel_diameter_m"] = _diameter(ask)
             elif kind == "distance":
                 section |= {"kind": "distance", "unit": _unit_of(proposal, table, name, "length", ask)}
