@@ -13,6 +13,7 @@ import numpy as np
 import tomli_w
 
 from trackfg.errors import BadInputError
+from trackfg.interchange.importing.balise_places import COLUMNS
 from trackfg.interchange.importing.columns.column_meaning import first_of
 from trackfg.interchange.importing.columns.column_names import parts_of
 from trackfg.interchange.importing.columns.time_columns import states_no_zone
@@ -122,7 +123,7 @@ def _unit_of_position(table: SourceTable, latitude: str) -> str:
 
 def _balises(proposal: Proposal, tables: Sequence[SourceTable]) -> None:
     """Propose the table of ids with times, and where it has no places a table of places with the same ids."""
-    named = [(table, name) for table in tables if (name := first_of(table, "balise")) is not None]
+    named = _with_ids(proposal, tables)
     passages = next(((table, name) for table, name in named if first_of(table, "time") is not None), None)
     if passages is None:
         return
@@ -136,9 +137,28 @@ def _balises(proposal: Proposal, tables: Sequence[SourceTable]) -> None:
     proposal.sections["balises"] = section
 
 
+def _with_ids(proposal: Proposal, tables: Sequence[SourceTable]) -> list[tuple[SourceTable, str]]:
+    """Return the tables with ids of balises, and the columns of these.
+
+    A column ``id``, as a recording calls it, is one beside places, and in tables of passages of these places.
+    """
+    named = [(table, name) for table in tables if (name := first_of(table, "balise")) is not None]
+    if named:
+        return named
+    taken = _files_of(proposal, "imu") | _files_of(proposal, "tach") | _files_of(proposal, "gnss")
+    plain = [table for table in tables if COLUMNS.id in table.columns and table.name not in taken]
+    return [(table, COLUMNS.id) for table in plain] if any(first_of(table, "station") for table in plain) else []
+
+
+def _files_of(proposal: Proposal, section: str) -> set[str]:
+    """Return the names of the tables of a section; none where there is no such section."""
+    file = proposal.sections.get(section, {}).get("file", [])
+    return {file} if isinstance(file, str) else set(file)
+
+
 def _fixes(proposal: Proposal, tables: Sequence[SourceTable]) -> None:
-    imu, balises = proposal.sections["imu"]["file"], proposal.sections.get("balises", {})
-    taken = {*([imu] if isinstance(imu, str) else imu), balises.get("file"), balises.get("places")}
+    taken = _files_of(proposal, "imu") | _files_of(proposal, "balises")
+    taken.add(proposal.sections.get("balises", {}).get("places"))
     for table in tables:
         if table.name in taken or first_of(table, "station") is None:
             continue

@@ -319,6 +319,33 @@ def test_a_workbook_with_units_balises_and_their_register(drive: Drive, tmp_path
     assert back.balises["chainage_sd_m"].tolist() == [0.2, 0.3]
 
 
+@pytest.mark.parametrize("names", ["t,id,km", "t;Balisen-Nr.;Kilometer"])
+def test_ids_beside_places_are_those_of_balises(names: str, drive: Drive, tmp_path: Path, imported: Import) -> None:
+    _write_imu(drive, tmp_path)
+    rows = ["8.0,4711,12+345.0", "15.0,4712,12+350.5"]
+    text = "\n".join([names, *rows]) + "\n"
+    (tmp_path / "balises.csv").write_text(text.replace(",", ";") if ";" in names else text)
+
+    back = _recording(imported(tmp_path))
+
+    assert back.fixes is None
+    assert back.balises is not None
+    assert back.balises["id"].tolist() == ["4711", "4712"]
+    assert back.balises["chainage_m"].tolist() == [12345.0, 12350.5]
+
+
+def test_an_id_of_samples_is_none_of_balises(drive: Drive, tmp_path: Path, imported: Import) -> None:
+    _write_imu(drive, tmp_path)
+    table = pd.read_csv(tmp_path / "imu.csv")
+    table.assign(id=range(len(table))).to_csv(tmp_path / "imu.csv", index=False)
+    (tmp_path / "posts.csv").write_text("t,km\n8.0,12+345.0\n15.0,12+350.5\n")
+
+    back = _recording(imported(tmp_path))
+
+    assert back.balises is None
+    assert back.fixes is not None
+
+
 def _write_imu(drive: Drive, folder: Path) -> None:
     values = np.column_stack([drive.t, drive.gyro, drive.accel])
     names = ["time_s", *(f"gyro_{a}" for a in "xyz"), *(f"acc_{a}" for a in "xyz")]

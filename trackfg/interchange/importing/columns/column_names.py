@@ -39,7 +39,7 @@ _PATTERNS = {
         r"ticks|in[ck]rement|\benc(oder)?\b|encoder|tacho|zähl"
     ),
     "distance": r"odo|dist|^weg|wegstrecke|mileage|走行距離",
-    "balise": r"(balise|rfid|transponder|beacon|tag|epc)[\s_.-]?(id|nr|no|number|nummer|code)?\.?$",
+    "balise": r"(balisen?|rfid|transponder|beacon|tag|epc)[\s_.-]?(id|nr|no|number|nummer|code)?\.?$",
     "station": (
         r"chain|kilom|station(?!ary|.?(id|name|code|no|nr))|^km\b|^[pm][kp]$|^kp$|^miles?$|post|position_km|里程"
     ),
