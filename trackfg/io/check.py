@@ -18,13 +18,16 @@ __all__ = ["CheckLimits", "CheckReport", "check_recording"]
 
 _ORDER = ("error", "warning", "info")
 
+_NO_CLOCK = ("time-unit", "gap")
+"""Errors with which nothing is estimated: the rate is not that of the data, or a clock may have jumped by years."""
+
 _UNTIL_READ = 0.3
 """Share of the time that reading takes, of an hour of the scenario measuring-car."""
 
 
 @dataclass(frozen=True, repr=False)
 class CheckReport(KeyFigures):
-    """``findings``, errors first; ``estimates`` as nested mappings ready for JSON, empty if a table is unusable.
+    """``findings``, errors first; ``estimates`` as nested mappings ready for JSON, empty if a table or clock is bad.
 
     Examples
     --------
@@ -88,8 +91,8 @@ def check_recording(
     loaded = load(path, limits)
     found = list(loaded.findings)
     estimates: Mapping[str, Any] = {}
-    has_rate = not any(finding.code == "time-unit" for finding in errors(found))
-    if loaded.recording is not None and has_rate:
+    has_clock = not any(finding.code in _NO_CLOCK for finding in errors(found))
+    if loaded.recording is not None and has_clock:
         begin("checking", _UNTIL_READ)
         values, disagreements = diagnose(loaded.recording, limits)
         found += disagreements

@@ -15,6 +15,9 @@ from scipy.ndimage import binary_erosion, gaussian_filter1d
 from trackfg.numerics.arrays import Array
 from trackfg.recording.model import IMU_COLUMNS
 
+_MOST_PER_SAMPLE = 10
+"""With more intervals than so many for each sample of the IMU, nearly all are in gaps."""
+
 
 @dataclass(frozen=True)
 class Motion:
@@ -33,7 +36,8 @@ class Motion:
 def averaged(imu: pd.DataFrame, tach: pd.DataFrame | None, step_s: float) -> Motion | None:
     """Average over intervals of about ``step_s`` within the time that IMU and tach share; None if there are none.
 
-    An interval is at least one IMU interval long.
+    An interval is at least one IMU interval long. There are none either where a clock has jumped so far that nearly all
+    of them would be empty: the jump must not decide how much memory is taken.
     """
     t = imu["t_s"].to_numpy()
     if t.size < 2:
@@ -45,7 +49,7 @@ def averaged(imu: pd.DataFrame, tach: pd.DataFrame | None, step_s: float) -> Mot
         tach_t, distance = tach["t_s"].to_numpy(), tach["distance_m"].to_numpy()
         begin, end = max(begin, tach_t[0]), min(end, tach_t[-1])
     n = int((end - begin) / step)
-    if n < 1:
+    if not 1 <= n <= _MOST_PER_SAMPLE * t.size:
         return None
     edges = begin + step * np.arange(n + 1)
     half = 0.5 * np.diff(t)

@@ -400,6 +400,15 @@ def test_a_bridgeable_gap_is_a_warning_and_its_limit_can_be_set(draft: Draft, tm
         read_recording(tmp_path / "rec", CheckLimits(imu_gap_error_s=3.0))
 
 
+def test_a_jump_of_the_clock_by_years_is_a_gap_and_nothing_is_estimated_over_it(draft: Draft, tmp_path: Path) -> None:
+    for table in ("imu", "tach", "gnss"):
+        draft[table]["t"] += np.where(draft[table]["t"] > 40.0, 1.6e9, 0.0)
+    report = check_recording(draft.write(tmp_path / "rec"))
+    assert "no rows for 1.6e+09 s before this one" in str(report.findings[0])
+    assert "cut the recording in two here" in str(report.findings[0])
+    assert not report.estimates
+
+
 def test_a_silent_tach_is_a_warning(draft: Draft, tmp_path: Path) -> None:
     drop_rows("tach", 301, 900)(draft)
     assert "no rows for 60.1 s" in doubts(draft, tmp_path / "rec")["gap"]

@@ -6,6 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from trackfg.recording.model import IMU_COLUMNS
 from trackfg.sensors.averages import averaged, band_passed
 
 
@@ -36,3 +37,10 @@ def test_a_band_has_no_part_in_what_is_constant_and_keeps_what_is_between() -> N
     kept = band_passed(7.0 + wave, valid, 0.1, 0.5, 20.0)[middle]
     gain = np.exp(-0.5 * (2.0 * np.pi / period * 0.5) ** 2)
     np.testing.assert_allclose(kept, gain * wave[middle], atol=0.01)
+
+
+def test_a_jump_of_the_clock_takes_no_memory() -> None:
+    """Fifty years at two intervals a second are 3e9 intervals, for a thousand samples."""
+    t = np.arange(1000) / 100.0 + np.where(np.arange(1000) < 500, 0.0, 1.6e9)
+    imu = pd.DataFrame({"t_s": t} | dict.fromkeys(IMU_COLUMNS[1:], 0.0 * t))
+    assert averaged(imu, None, 0.5) is None

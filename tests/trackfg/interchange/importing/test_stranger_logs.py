@@ -387,6 +387,18 @@ def test_a_log_comes_in_as_it_was_measured(
     _is_of(recording, drive, dated=write in DATED)
 
 
+def test_a_clock_that_jumps_by_years_is_an_error_of_the_recording(
+    drive: Drive, tmp_path: Path, imported: Import
+) -> None:
+    frame = pd.DataFrame(drive.gyro, columns=["gx_radps", "gy_radps", "gz_radps"])
+    frame[["ax_mps2", "ay_mps2", "az_mps2"]] = drive.accel
+    frame["speed_mps"] = drive.speed
+    frame.insert(0, "time_s", drive.t + np.where(drive.t > 10.0, 1.6e9, 0.0))
+    frame.to_csv(tmp_path / "log.csv", index=False)
+    (error,) = [one for one in imported(tmp_path / "log.csv").loaded.findings if one.level == "error"]
+    assert "no rows for 1.6e+09 s before this one" in str(error)
+
+
 def test_counts_are_worth_what_the_remarks_say_and_gravity_confirms(drive: Drive, tmp_path: Path) -> None:
     rows = [
         [f"{1e3 * t:.0f}", *map(str, counts)]

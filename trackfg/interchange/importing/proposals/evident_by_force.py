@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -17,6 +18,7 @@ from trackfg.interchange.importing.conversion import write_imported
 from trackfg.interchange.importing.mapping import mapping_of
 from trackfg.interchange.importing.proposals.questions import Ask, Proposal, Question, asked, asked_unit
 from trackfg.interchange.importing.source_table import SourceTable
+from trackfg.numerics.spans import median_interval
 
 if TYPE_CHECKING:
     from trackfg.checks.diagnosis import Estimates
@@ -29,6 +31,9 @@ _CANDIDATES: dict[str, tuple[Quantity, tuple[str, ...]]] = {
 """Units among which the force decides, where the source states none. It tells no knot from a mile per hour, since
 gradients and a sensor's tilt falsify it by some percent: a wheel's speed is in neither knots nor feet per second."""
 _LENGTHS = ("m", "km", "ft", "mm", "cm", "mi")
+_MOST_EMPTY = 10
+"""Times the samples at their usual interval: a longer span is nearly all a gap, where a clock has jumped. Then only
+the gravity of one part is asked: motion would be compared over all of that time."""
 _FITS = 1.25
 """A unit fits a slope that is off by less than this factor: half a step between the nearest units, km/h and mph, is
 1.27."""
@@ -62,6 +67,11 @@ def _recording(proposal: Proposal, tables: Sequence[SourceTable]) -> Recording:
         made = write_imported(tables, mapping_of(proposal.sections, "proposal"), folder / "r", run_id="proposal")
         recording = made.loaded.recording
     assert recording is not None  # write_imported raises where it is not readable
+    t = recording.imu["t_s"].to_numpy()
+    if np.ptp(t) > _MOST_EMPTY * t.size * median_interval(t):
+        parts = np.split(np.arange(t.size), np.flatnonzero(np.diff(t) > CheckLimits().imu_gap_error_s) + 1)
+        longest = max(parts, key=len)
+        return replace(recording, imu=recording.imu.iloc[longest].reset_index(drop=True), tach=None, gnss=None)
     return recording
 
 
