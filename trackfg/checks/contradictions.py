@@ -17,6 +17,7 @@ from trackfg.checks.diagnosis_positions import PositionFit
 from trackfg.checks.diagnosis_rest import NoiseDensity, StaticBias
 from trackfg.checks.diagnosis_silence import SilentSpan
 from trackfg.checks.diagnosis_wheel import WheelScale
+from trackfg.checks.imu_faults import without_imu_faults
 from trackfg.checks.limits import CheckLimits
 from trackfg.numerics import rotations
 from trackfg.numerics.units import KMH
@@ -32,10 +33,17 @@ _UNIT_TOLERANCE = 0.1
 
 
 def diagnose(recording: Recording, limits: CheckLimits | None = None) -> tuple[Estimates, list[Finding]]:
-    """Estimate everything, and return it with whatever it shows to be wrong or doubtful."""
-    limits, estimates = limits or CheckLimits(), estimates_of(recording)
+    """Estimate everything, and return it with whatever it shows to be wrong or doubtful.
+
+    Estimates are made without the rows of the IMU that the smoother drops, unless it would drop most: then a unit is
+    wrong, say, and the estimates are to show it.
+    """
+    limits = limits or CheckLimits()
+    sound = without_imu_faults(recording, limits)
+    sound = sound if 2 * len(sound.imu) > len(recording.imu) else recording
+    estimates = estimates_of(sound)
     channels = imu_channels.findings(recording.description.imu, recording.imu, limits)
-    return estimates, [*channels, *contradictions(recording, estimates, limits)]
+    return estimates, [*channels, *contradictions(sound, estimates, limits)]
 
 
 def contradictions(recording: Recording, estimates: Estimates, limits: CheckLimits) -> list[Finding]:

@@ -166,6 +166,20 @@ def test_a_mistake_is_named(mistake: str, sound: Recording) -> None:
     assert any(text in line for line in lines.values()), lines
 
 
+def test_a_few_garbled_samples_are_no_reason_to_exchange_columns(sound: Recording) -> None:
+    imu = sound.imu.copy()
+    imu.loc[[9000, 9001, 15000, 15001], "wx_radps"] = 9999.0
+    assert {finding.code for finding in diagnose(replace(sound, imu=imu))[1]} - {
+        finding.code for finding in diagnose(sound)[1]
+    } == {"impossible-value"}
+
+
+def test_a_recording_of_which_the_smoother_drops_every_row_is_still_diagnosed(sound: Recording) -> None:
+    estimates, findings = diagnose(replace(sound, imu=sound.imu.assign(fx_mps2=sound.imu["fx_mps2"] + 1e6)))
+    assert estimates.duration_s > 0.0
+    assert "impossible-value" in {finding.code for finding in findings}
+
+
 def test_a_sound_recording_is_left_alone(sound: Recording) -> None:
     assert [finding for finding in diagnose(sound)[1] if finding.level != "info"] == []
 
