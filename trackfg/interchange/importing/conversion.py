@@ -2,7 +2,8 @@
 
 The recording has the source's own columns, units and axes, so that a wrong axis or unit is corrected by one edit of its
 ``recording.toml``; only times (seconds on one clock), places (m) and units that a recording does not know are
-converted. A table whose rows say nothing about a sensor, as in logs of one wide table, loses these rows for it.
+converted. A table whose rows say nothing about a sensor, as in logs of one wide table, loses these rows for it; so it
+does with the few rows in which an inertial sensor has not all of its values.
 """
 
 from __future__ import annotations
@@ -60,18 +61,25 @@ _TIME_DIGITS = 9
 _PLACES_FILE = "balise_places.parquet"
 _PLACE = "chainage_m"
 """The column of places that the source has in two."""
+_MOST_NAMED = 5
+"""Errors of a recording that are named."""
 _CONSTANT = "constant_"
 """What the name of a column begins with that holds a number of the mapping in each row."""
 
 
 class _Part(NamedTuple):
-    """The table of one sensor: its times, its columns, its section in the description, and a table beside it."""
+    """The table of one sensor: its times, its columns, its section in the description, and a table beside it.
+
+    ``notes`` say what was left out; ``whole`` is the source's table whose rows these are, None where they are others.
+    """
 
     sensor: MappedSensor
     times: Times
     columns: Dictionary[str, Array | pd.Series]
     keys: dict[str, Any]
     places: pd.DataFrame | None = None
+    notes: tuple[str, ...] = ()
+    whole: SourceTable | None = None
 
 
 @dataclass(frozen=True)
@@ -87,13 +95,14 @@ class Imported:
 class Conversion:
     """A recording in memory, until it is written: its description, its tables by file, and the mapping's name.
 
-    ``notes`` say what reading times has assumed.
+    ``notes`` say what was assumed and what was left out; ``origins`` are names of the user's own, by file.
     """
 
     description: dict[str, Any]
     files: dict[str, pd.DataFrame]
     mapping_name: str
-    notes: tuple[str, ...] = ()
+    notes: tuple[str, ...]
+    origins: dict[str, str]
 
     def write(self, folder: Path) -> Imported:
         """Write the recording, complete or not at all; each table is dropped from memory once it is written.
@@ -108,10 +117,15 @@ class Conversion:
             (new / FILE_NAME).write_text(tomli_w.dumps(self.description), encoding="utf-8")
             loaded = load(new)
             if loaded.recording is None:
-                found = errors(loaded.findings)
-                more = f" ({len(found) - 1} more)" if len(found) > 1 else ""
-                raise BadInputError(f"{self.mapping_name}: the recording would not be usable: {found[0]}{more}")
+                raise BadInputError(f"{self.mapping_name}: the recording would not be usable: {self._refusal(loaded)}")
         return Imported(folder, loaded, rows)
+
+    def _refusal(self, loaded: LoadedRecording) -> str:
+        """Return the errors, in the names of the user's own files: those of the recording are not there yet."""
+        found = [replace(one, file=self.origins.get(one.file or "", one.file)) for one in errors(loaded.findings)]
+        also = "; ".join(one.sentence for one in found[1:_MOST_NAMED])
+        more = f" ({len(found) - _MOST_NAMED} more)" if len(found) > _MOST_NAMED else ""
+        return f"{found[0]}" + (f". Also: {also}{more}" if also else "")
 
 
 def write_imported(tables: Sequence[SourceTable], mapping: Mapping, folder: Path, *, run_id: str) -> Imported:
@@ -130,8 +144,21 @@ def converted(tables: Sequence[SourceTable], mapping: Mapping, *, run_id: str) -
     parts = [part._replace(times=part.times.beside(clocks)) for part in parts]
     start_ns = _start(parts, mapping, next((t.start_ns for t in tables if t.start_ns is not None), None))
     description, files = _described(parts, mapping, start_ns, run_id)
-    notes = dict.fromkeys(note for part in parts for note in part.times.notes)
-    return Conversion(description, files, mapping.name, tuple(notes))
+    notes = dict.fromkeys(text for part in parts for text in (*part.times.notes, *part.notes))
+    origins = {file: _origin(part, file) for file, part in ((_file_of(part), part) for part in parts)}
+    return Conversion(description, files, mapping.name, tuple(notes), origins)
+
+
+def _file_of(part: _Part) -> str:
+    """Return the name of the file that a part becomes."""
+    return f"{part.sensor.section.replace('[', '_').rstrip(']')}.parquet"
+
+
+def _origin(part: _Part, file: str) -> str:
+    """Return the user's name of a part's table, and of which table its rows are counted where that is another."""
+    if part.whole is not None:
+        return part.whole.name
+    return f"{file} of {' and '.join(part.sensor.files)}"
 
 
 def table_named(tables: Sequence[SourceTable], pattern: str, section: str) -> SourceTable:
@@ -163,7 +190,7 @@ def _part(sensor: MappedSensor, tables: Sequence[SourceTable], kilometrage: Kilo
     table, times = _in_order(sources[0], sensor)
     columns, keys = _columns(sensor, table, kilometrage)
     measured = [values for name, values in columns.items() if not name.startswith(_CONSTANT)]
-    keep = ~np.all([np.isnan(values) for values in measured], axis=0)
+    keep, notes = _says_something(sensor, table, columns)
     if sensor.kind == "gnss":
         keep &= ~np.all([values == 0.0 for values in measured[:2]], axis=0)  # what receivers write without a fix
         keep &= _is_news(times.since(times.first_ns), np.stack(measured, axis=1))
@@ -172,7 +199,25 @@ def _part(sensor: MappedSensor, tables: Sequence[SourceTable], kilometrage: Kilo
     if not any(len(values) for values in columns.values()):
         raise BadInputError(f"{table.name}: the columns of [{sensor.section}] are empty; expected values")
     columns, keys = in_recorded_units(sensor, times, columns, keys)
-    return _Part(sensor, times, columns, keys)
+    return _Part(sensor, times, columns, keys, notes=notes, whole=table if table is sources[0] and keep.all() else None)
+
+
+def _says_something(
+    sensor: MappedSensor, table: SourceTable, columns: Dictionary[str, Array]
+) -> tuple[np.ndarray, tuple[str, ...]]:
+    """Return which rows (n,) have values of a sensor, and a note on those of an IMU that have not all of them.
+
+    These few are gaps, which are bridged. Where there are as many as others, the columns are not of one sensor.
+    """
+    empty = {name: np.isnan(values) for name, values in columns.items() if not name.startswith(_CONSTANT)}
+    keep = ~np.all(list(empty.values()), axis=0)
+    partial = keep & np.any(list(empty.values()), axis=0)
+    count = int(np.count_nonzero(partial))
+    if sensor.kind != "imu" or not 0 < 2 * count < np.count_nonzero(keep):
+        return keep, ()
+    names = ", ".join(name for name, cells in empty.items() if (cells & partial).any())
+    rows = f"{count} row{'s' if count > 1 else ''} without a value of {names}"
+    return keep & ~partial, (f"{table.name}: {rows} left out of [{sensor.section}]: a short gap is bridged",)
 
 
 def _balises(sensor: MappedSensor, tables: Sequence[SourceTable], kilometrage: Kilometrage | None) -> _Part:
@@ -293,14 +338,15 @@ def _with_times_of(table: SourceTable, sensor: MappedSensor) -> MappedSensor:
 
 def _merged_imu(sensor: MappedSensor, gyro: SourceTable, accel: SourceTable) -> _Part:
     """Bring gyro and accelerometer of two tables together: the slower one is interpolated at the faster one's times."""
-    streams = []
+    streams, notes = [], list[str]()
     for key, table in (("gyro", gyro), ("accel", accel)):
         value = sensor.keys.get(key)
         if not isinstance(value, list | tuple) or len(value) != 3:
             raise BadInputError(f"[{sensor.section}]: key {key!r} is {value!r}; expected three columns")
         table, times = _in_order(table, _with_times_of(table, sensor))
         columns = {str(name): table.numbers(str(name)) for name in value}
-        keep = ~np.all([np.isnan(values) for values in columns.values()], axis=0)
+        keep, left_out = _says_something(sensor, table, columns)
+        notes += left_out
         times, columns = _rows(times, keep), {name: values[keep] for name, values in columns.items()}
         columns, keys = in_recorded_units(sensor, times, columns, {f"{key}_unit": sensor.keys.get(f"{key}_unit")})
         streams.append((times, columns, keys))
@@ -324,8 +370,9 @@ def _merged_imu(sensor: MappedSensor, gyro: SourceTable, accel: SourceTable) -> 
             columns[f"{prefix}_{name}"] = column[kept] if i == faster else np.interp(common, t[i], column)
         keys[prefix] = [f"{prefix}_{name}" for name in values]
         keys |= {key: value for key, value in own.items() if value is not None}
-    notes = tuple(note for times in clocks for note in times.notes)
-    return _Part(sensor, Times.after(zero, common, clocks[faster].zone, notes), columns, keys)
+    assumed = tuple(note for times in clocks for note in times.notes)
+    merged = Times.after(zero, common, clocks[faster].zone, assumed)
+    return _Part(sensor, merged, columns, keys, notes=tuple(notes))
 
 
 def _start(parts: Sequence[_Part], mapping: Mapping, stated_ns: int | None) -> int | None:
@@ -359,7 +406,7 @@ def _described(
     description |= {key: mapping.top[key] for key in ("track", "kilometrage") if key in mapping.top}
     files: dict[str, pd.DataFrame] = {}
     for part in parts:
-        file = f"{part.sensor.section.replace('[', '_').rstrip(']')}.parquet"
+        file = _file_of(part)
         time = "t" if "t" not in part.columns else "t_s"
         columns = {name: np.asarray(values) for name, values in part.columns.items()}
         # No clock is finer than 1 ns, so that a time is the same however its source has written it.

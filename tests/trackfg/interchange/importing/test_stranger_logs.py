@@ -18,7 +18,7 @@ import pytest
 from interchange.foreign_forms import Drive
 
 from trackfg.errors import BadInputError
-from trackfg.interchange.importing.conversion import Imported, write_imported
+from trackfg.interchange.importing.conversion import Imported, converted, write_imported
 from trackfg.interchange.importing.mapping import mapping_of
 from trackfg.interchange.importing.proposal import propose
 from trackfg.interchange.importing.proposals.questions import Question
@@ -517,6 +517,40 @@ def test_what_stands_for_no_value_is_no_value(missing: str, drive: Drive, tmp_pa
     assert len(recording.gnss) == 20
     assert len(recording.tach) == 200
     _is_of(recording, drive, dated=False)
+
+
+def _blank(drive: Drive, path: Path, rows: Sequence[int], cell: str = "") -> Path:
+    """A log whose IMU has no second rate and no third force in these rows."""
+    cells = _cells(drive, _seconds(drive), rate=DEG, force=G, wheel=1 / 3.6)
+    for row in rows:
+        cells[row][2] = cells[row][6] = cell
+    return _text(path, [HEAD], cells)
+
+
+def test_rows_of_the_imu_with_a_blank_cell_are_left_out_and_counted(drive: Drive, tmp_path: Path) -> None:
+    source, gone = _blank(drive, tmp_path / "log.csv", [700, 701, 1500]), [700, 701, 1500]
+    form = source_format(source)
+    tables = form.tables(source, lambda _: None)
+    proposal = propose(tables, lambda question: question.default, form.mapping(tables))
+    conversion = converted(tables, mapping_of(proposal.sections, "proposal"), run_id="log")
+    (note,) = conversion.notes
+    assert note.startswith("log.csv: 3 rows without a value of ")
+    recording = conversion.write(tmp_path / "r").loaded.recording
+    assert recording is not None
+    np.testing.assert_allclose(recording.gyro, np.delete(drive.gyro, gone, axis=0), atol=2e-5)
+    assert recording.tach is not None
+    assert len(recording.tach) == len(drive.t)
+
+
+def test_a_log_that_is_not_usable_is_refused_by_its_own_name(drive: Drive, tmp_path: Path, imported: Import) -> None:
+    source = _blank(drive, tmp_path / "log.csv", range(1200))
+    with pytest.raises(
+        BadInputError, match=r"^propos.*: the recording would not be usable: log.csv, column '"
+    ) as refusal:
+        imported(source)
+    assert str(refusal.value).count("log.csv, column '") == 2
+    assert "data row 1 (t = 0 s): empty or NaN (1200 such rows)" in str(refusal.value)
+    assert "parquet" not in str(refusal.value)
 
 
 def test_of_two_sensors_one_is_chosen_with_its_own_accelerometer(drive: Drive, tmp_path: Path) -> None:

@@ -64,7 +64,8 @@ def settle_by_force(proposal: Proposal, tables: Sequence[SourceTable], ask: Ask)
 
 def _recording(proposal: Proposal, tables: Sequence[SourceTable]) -> Recording:
     with temporary_folder() as folder:
-        made = write_imported(tables, mapping_of(proposal.sections, "proposal"), folder / "r", run_id="proposal")
+        mapping = mapping_of(proposal.sections, "proposed mapping")
+        made = write_imported(tables, mapping, folder / "r", run_id="proposal")
         recording = made.loaded.recording
     assert recording is not None  # write_imported raises where it is not readable
     t = recording.imu["t_s"].to_numpy()
