@@ -6,6 +6,7 @@ import re
 import tomllib
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -73,6 +74,15 @@ def test_the_example_of_the_graph_runs() -> None:
     for block in blocks(ROOT / "docs" / "graph.md", "python"):
         exec(compile(block, "graph.md", "exec"), names)
     assert "again" in names
+
+
+def test_the_recording_from_tables_is_smoothed_and_usable(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    names: dict[str, Any] = {}
+    for block in blocks(ROOT / "docs" / "recording.md", "python"):
+        exec(compile(block, "recording.md", "exec"), names)
+    assert names["result"].summary.converged
+    assert names["report"].usable
 
 
 def test_the_worked_example_of_adding_a_sensor_runs() -> None:

@@ -1,6 +1,7 @@
 """Faults of a single column that make its table unusable: each function takes an array and returns findings.
 
-``place`` says where the array comes from. Rows in findings count from 1.
+``place`` says where the array comes from. Rows in findings count from 1. :func:`memory_faults` are those of all tables
+of a recording in memory.
 """
 
 from __future__ import annotations
@@ -8,15 +9,35 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 
 from trackfg.numerics.arrays import Array
 from trackfg.recording.findings import Finding, Level
+from trackfg.recording.model import (
+    FIX_COLUMNS,
+    GNSS_COLUMNS,
+    IMU_COLUMNS,
+    LASER_COLUMNS,
+    SPEED_COLUMNS,
+    TACH_COLUMNS,
+    Recording,
+)
 
 LARGEST = 1e12
 """In any unit that a column may have; times are in s here."""
 SMALLEST_SIGMA_M = 1e-9
 """No place is known to a nanometre. The square of its reciprocal, a weight, is far from any limit of a number."""
+
+_IN_MEMORY = {
+    "imu": IMU_COLUMNS,
+    "tach": TACH_COLUMNS,
+    "fixes": FIX_COLUMNS,
+    "gnss": GNSS_COLUMNS,
+    "speed": SPEED_COLUMNS,
+    "laser": LASER_COLUMNS,
+}
+"""The columns of each kind of table in memory; the time is the first."""
 
 
 @dataclass(frozen=True)
@@ -140,3 +161,43 @@ def outside(values: Array, low: float, high: float, place: ColumnPlace) -> list[
     hint = 'check the order in gnss.position: latitude, longitude, height; for east, north, up set frame = "local"'
     expected = f"{low:g} to {high:g} deg"
     return place.at_first_value(values, wrong, "position-range", "no such position on the Earth", expected, hint)
+
+
+def memory_faults(recording: Recording) -> list[Finding]:
+    """Return what a reader refuses in files, of a recording that was made from tables in memory."""
+    found = []
+    for name, table in recording.tables.items():
+        kind = name.partition("/")[0]
+        if kind not in _IN_MEMORY:
+            continue
+        if not getattr(recording.description, kind):
+            message = f"the recording has this table, but its description has no [{kind}]"
+            hint = f"describe it in the {kind} of RecordingDescription, or leave it out"
+            found.append(Finding("error", "missing-key", message, file=f"table {name!r}", hint=hint))
+        found += _table_faults(f"table {name!r}", table, _IN_MEMORY[kind])
+    return found
+
+
+def _table_faults(file: str, table: pd.DataFrame, names: tuple[str, ...]) -> list[Finding]:
+    if not isinstance(table, pd.DataFrame):
+        message = f"is of type {type(table).__name__}"
+        return [Finding("error", "not-numeric", message, file=file, expected="a pandas.DataFrame")]
+    missing = [name for name in names if name not in table.columns]
+    if missing:
+        message = "there is no such column"
+        hint = "name the columns so; rates are in rad/s, forces in m/s^2, lengths in m and times in s"
+        expected = ", ".join(names)
+        return [Finding("error", "missing-column", message, file=file, column=missing[0], expected=expected, hint=hint)]
+    found = []
+    for name in names:
+        if not pd.api.types.is_numeric_dtype(table[name]):
+            message, expected = f"holds {table[name].dtype}", "numbers" + (", s" if name == names[0] else "")
+            found.append(Finding("error", "not-numeric", message, file=file, column=name, expected=expected))
+    if found:
+        return found
+    t = table[names[0]].to_numpy(dtype=np.float64, na_value=np.nan)
+    for name in names:
+        values, place = table[name].to_numpy(dtype=np.float64, na_value=np.nan), ColumnPlace(file, name, t)
+        found += not_finite(values, place)
+        found += unusable_sigmas(values, place) if name.endswith("_sd_m") else []
+    return found if found else not_increasing(t, ColumnPlace(file, names[0]))

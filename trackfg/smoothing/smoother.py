@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pandas as pd
 
+from trackfg.checks.columns import memory_faults
 from trackfg.checks.imu_faults import without_imu_faults
 from trackfg.checks.limits import CheckLimits
 from trackfg.checks.tach_correction import TachCorrection, corrected_tach
@@ -37,7 +38,7 @@ from trackfg.output.profiles import Profile, profiles
 from trackfg.output.rail_profiles import seen_profiles
 from trackfg.output.track_geometry import geometry_table
 from trackfg.output.trajectory import calibration_table, trajectory_table
-from trackfg.recording.findings import Finding
+from trackfg.recording.findings import Finding, raise_first
 from trackfg.recording.model import Recording
 from trackfg.results.balise_passages import BalisePassages
 from trackfg.results.place_covariance import PlaceCovariance
@@ -150,9 +151,9 @@ def smooth(
     UnsolvableError
         Where the recording does not determine the run; the message says what is missing.
     BadInputError
-        For a known line that cannot be used.
+        For a known line that cannot be used, and for tables made in memory that a reader would refuse.
     TypeError
-        For anything but a recording: a path, say.
+        For anything but a recording, a path, say; and for settings that are no :class:`~trackfg.config.SmoothConfig`.
 
     Examples
     --------
@@ -166,6 +167,10 @@ def smooth(
     if not isinstance(recording, Recording):
         given = type(recording).__name__
         raise TypeError(f"smooth takes a recording, as trackfg.read_recording(folder) gives, not {given}")
+    if config is not None and not isinstance(config, SmoothConfig):
+        given = type(config).__name__
+        raise TypeError(f"smooth takes settings as trackfg.SmoothConfig.model_validate(settings) gives, not {given}")
+    raise_first(memory_faults(recording))
     config, limits = config or SmoothConfig(), limits or CheckLimits()
     sound = without_imu_faults(recording, limits)
     if sound.imu.empty:

@@ -14,10 +14,10 @@ import pytest
 from trackfg.config import SmoothConfig
 from trackfg.datasets.faults import drop_imu, drop_tach
 from trackfg.datasets.scenarios import Simulation, scenario, simulate
-from trackfg.errors import UnsolvableError
+from trackfg.errors import BadInputError, UnsolvableError
 from trackfg.factors.states import Kind
 from trackfg.numerics.rotations import matrix_from_rpy
-from trackfg.recording.description import ImuNoise
+from trackfg.recording.description import Fixes, ImuNoise
 from trackfg.recording.model import Recording
 from trackfg.results.columns import TRAJECTORY_COLUMNS
 from trackfg.results.result import Result
@@ -257,6 +257,47 @@ def test_falling_chainage_is_the_same_run(simulated: Callable[..., Simulation]) 
 def test_a_path_for_a_recording_is_refused() -> None:
     with pytest.raises(TypeError, match=r"takes a recording, as trackfg\.read_recording\(folder\) gives, not str"):
         smooth("run1")  # type: ignore[arg-type]
+    with pytest.raises(TypeError, match=r"takes settings as trackfg\.SmoothConfig\..* gives, not dict"):
+        smooth(simulate("mainline", duration_s=5.0).recording, {"output": {}})  # type: ignore[arg-type]
+
+
+def _without_a_rate(sound: Recording) -> Recording:
+    imu = sound.imu.copy()
+    imu.loc[1, "wx_radps"] = np.nan
+    return replace(sound, imu=imu)
+
+
+UNREADABLE: dict[str, tuple[Callable[[Recording], Recording], str]] = {
+    "NaN": (_without_a_rate, r"^table 'imu', column 'wx_radps', data row 2 .*: empty or NaN; expected a finite"),
+    "a column of another name": (
+        lambda sound: replace(sound, imu=sound.imu.rename(columns={"wz_radps": "wz"})),
+        r"^table 'imu', column 'wz_radps': there is no such column; expected t_s, wx_radps,"),
+    "time that falls": (
+        lambda sound: replace(sound, imu=sound.imu[::-1].reset_index(drop=True)),
+        r"^table 'imu', column 't_s', data row 2 .*: earlier than the row before"),
+    "dates": (
+        lambda sound: replace(sound, imu=sound.imu.assign(t_s=pd.to_datetime(sound.imu["t_s"], unit="s"))),
+        r"^table 'imu', column 't_s': holds datetime64.*; expected numbers, s"),
+    "an array": (
+        lambda sound: replace(sound, tach=sound.imu.to_numpy()),
+        r"^table 'tach': is of type ndarray; expected a pandas.DataFrame"),
+    "a sigma of zero": (
+        lambda sound: replace(sound, fixes=sound.fixes.assign(chainage_sd_m=0.0)),
+        r"^table 'fixes', column 'chainage_sd_m', data row 1 .*: 0: a sigma that is zero"),
+    "a tach that is not described": (
+        lambda sound: replace(sound, description=sound.description.model_copy(update={"tach": None})),
+        r"^table 'tach': the recording has this table, but its description has no \[tach\]"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", UNREADABLE)
+def test_tables_in_memory_are_refused_by_the_rules_of_files(name: str) -> None:
+    spoil, message = UNREADABLE[name]
+    recording = simulate("mainline", seed=1, duration_s=20.0).recording
+    fixes = pd.DataFrame({"t_s": [5.0], "chainage_m": [10.0], "chainage_sd_m": [0.2]})
+    described = recording.description.model_copy(update={"fixes": Fixes(file="fixes.csv")})
+    with pytest.raises(BadInputError, match=message):
+        smooth(spoil(replace(recording, description=described, fixes=fixes)))
 
 
 @pytest.mark.parametrize("duration_s", [0.005, 0.3])
