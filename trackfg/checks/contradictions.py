@@ -21,6 +21,7 @@ from trackfg.checks.imu_faults import without_imu_faults
 from trackfg.checks.limits import CheckLimits
 from trackfg.numerics import rotations
 from trackfg.numerics.units import KMH
+from trackfg.recording.antenna import with_antenna_named
 from trackfg.recording.description import Imu, Tach
 from trackfg.recording.findings import Finding
 from trackfg.recording.model import Recording
@@ -59,7 +60,7 @@ def contradictions(recording: Recording, estimates: Estimates, limits: CheckLimi
         *_silence(description.tach, estimates.silent_spans),
         *_wheel(description.tach, estimates.wheel_scale_fixes, force, limits),
         *_wheel(description.tach, estimates.wheel_scale_gnss, force, limits),
-        *_gnss(recording, estimates.positions, force, limits),
+        *with_antenna_named(_gnss(recording, estimates.positions, force, limits), description.gnss),
         *_fixes(recording, estimates.positions, limits),
         *_fix_order(recording),
     ]

@@ -26,6 +26,7 @@ from trackfg.factors.family import Family, changed
 from trackfg.factors.states import Kind, vectors
 from trackfg.graph.build import Problem
 from trackfg.graph.further_sensors import further_sensors
+from trackfg.recording.antenna import with_antenna_named
 from trackfg.recording.description import FurtherTach
 from trackfg.recording.findings import Finding
 from trackfg.recording.model import Recording
@@ -132,7 +133,8 @@ def with_gnss_in_time(recording: Recording, tach_clock_sd_s: float) -> Recording
     if abs(offset.offset_s) < max(_LEAST_S, _SIGMAS * sd_s):
         return recording
     gnss = recording.gnss.assign(t_s=recording.gnss["t_s"] + offset.offset_s)
-    return replace(recording, gnss=gnss, findings=(*recording.findings, _set("gnss", offset.offset_s, sd_s)))
+    moved = with_antenna_named([_set("gnss", offset.offset_s, sd_s)], recording.description.gnss)
+    return replace(recording, gnss=gnss, findings=(*recording.findings, *moved))
 
 
 def _clocks(recording: Recording) -> list[_Clock]:

@@ -38,6 +38,7 @@ from trackfg.output.profiles import Profile, profiles
 from trackfg.output.rail_profiles import seen_profiles
 from trackfg.output.track_geometry import geometry_table
 from trackfg.output.trajectory import calibration_table, trajectory_table
+from trackfg.recording.antenna import with_antenna_named
 from trackfg.recording.findings import Finding, raise_first
 from trackfg.recording.model import Recording
 from trackfg.results.balise_passages import BalisePassages
@@ -229,7 +230,8 @@ def smooth_states(
         with stages.stage("check"):
             findings = checked.result()
             doubts = (*recording_doubts(recording, findings), *solved.doubts)
-    solved = replace(solved, findings=(*findings, *solved.findings), doubts=doubts)
+    of_solution = with_antenna_named(solved.findings, recording.description.gnss)
+    solved = replace(solved, findings=(*findings, *of_solution), doubts=doubts)
     smoothed = replace(_with_tables(recording, views, stages, solved, feature_map), on_line=of_line)
     with stages.stage("covariance"):
         return replace(smoothed, verdicts=judged(smoothed, smoothed.geometry))

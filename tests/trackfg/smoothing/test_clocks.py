@@ -71,3 +71,18 @@ def test_a_jump_of_the_imus_clock_is_taken_out(run: Simulation) -> None:
     assert set(result.events["kind"]) == set(steady.events["kind"])
     np.testing.assert_allclose(result.trajectory["t_s"], steady.trajectory["t_s"])
     np.testing.assert_allclose(result.trajectory["speed_mps"], steady.trajectory["speed_mps"], atol=2e-3)
+
+
+@pytest.mark.parametrize("ahead_m", [0.0, 0.5])
+def test_positions_that_look_late_may_be_of_an_antenna_elsewhere(run: Simulation, ahead_m: float) -> None:
+    gnss, description = run.recording.gnss, run.recording.description
+    assert gnss is not None
+    assert description.gnss is not None
+    part = description.gnss.model_copy(update={"lever_arm_m": (ahead_m, 0.0, 0.0)})
+    late = replace(
+        run.recording,
+        gnss=gnss.assign(t_s=gnss["t_s"] + 1.5),
+        description=description.model_copy(update={"gnss": part}),
+    )
+    (finding,) = (finding for finding in smooth(late).summary.findings if finding.code == "gnss-clock")
+    assert ("declare gnss.lever_arm_m" in (finding.hint or "")) == (not ahead_m)
