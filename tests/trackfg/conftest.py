@@ -261,6 +261,7 @@ EXAMPLE = {
         "accel": ["fx", "fy", "fz"],
         "accel_unit": "m/s^2",
         "axes": "FLU",
+        "rigid": True,
         "noise": {"gyro_white": 5e-5, "accel_white": 1e-3},
     },
     "tach": {
@@ -272,7 +273,12 @@ EXAMPLE = {
         "wheel_diameter_m": 0.86,
     },
     "fixes": {"file": "fixes.csv"},
-    "gnss": {"file": "gnss.csv", "position": ["lat_deg", "lon_deg", "height_m"], "sd": ["sd_e", "sd_n", "sd_u"]},
+    "gnss": {
+        "file": "gnss.csv",
+        "position": ["lat_deg", "lon_deg", "height_m"],
+        "sd": ["sd_e", "sd_n", "sd_u"],
+        "lever_arm_m": [0.0, 0.0, 0.0],
+    },
     "laser": [
         {
             "name": "A-left-vertical",

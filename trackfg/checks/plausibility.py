@@ -41,6 +41,7 @@ def findings(
     track = parts.get("track")
     if isinstance(track, Track):
         found += _track(track, toml, gnss_origin)
+    found += _assumed({name: parts[name] for name in tables if name in parts}, toml)
     if isinstance(imu, Imu) and imu_table is not None:
         rate = _imu_interval(imu, imu_table, limits)
         found += rate
@@ -52,6 +53,35 @@ def findings(
                 found += _gyro_unit(imu, motion, limits)
             found += _overlaps(imu_table, parts, tables, limits)
     return found
+
+
+_ASSUMED = {
+    ("imu", "rigid"): (
+        "true is assumed: a sensor fixed to what follows the track (axle box, wheelset, trolley)",
+        "write rigid = true, or rigid = false for a sensor on springs (bogie frame, car body)",
+    ),
+    ("gnss", "lever_arm_m"): (
+        "[0, 0, 0] is assumed: an antenna at the vehicle reference point",
+        "write where the antenna is: metres forward, left and up of that point",
+    ),
+}
+"""What is assumed of keys that decide much and that no measurement shows, and what to do, by part and key."""
+
+
+def _assumed(parts: Mapping[str, Model], toml: str) -> list[Finding]:
+    """Return what the description leaves to its defaults though a wrong one makes wrong results."""
+    return [
+        Finding(
+            "info",
+            "assumed",
+            f"is not stated; {value}",
+            file=toml,
+            column=f"{part}.{key}",
+            hint=hint,
+        )
+        for (part, key), (value, hint) in _ASSUMED.items()
+        if part in parts and key not in parts[part].model_fields_set
+    ]
 
 
 def _track(track: Track, toml: str, gnss_origin: Array | None) -> list[Finding]:

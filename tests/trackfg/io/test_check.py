@@ -454,6 +454,22 @@ def test_values_beyond_any_sensor_are_a_warning(draft: Draft, tmp_path: Path) ->
     assert "column 'fx', data row 4001 (t = 80 s): -10000 m/s^2, and 1 more such values" in said[1]
 
 
+@pytest.mark.parametrize(("part", "key"), [("imu", "rigid"), ("gnss", "lever_arm_m")])
+def test_what_decides_much_and_is_not_stated_is_named(draft: Draft, tmp_path: Path, part: str, key: str) -> None:
+    forget(part, key)(draft)
+    folder = draft.write(tmp_path / "rec")
+    (finding,) = check_recording(folder).findings
+    assert (finding.level, finding.code, finding.column) == ("info", "assumed", f"{part}.{key}")
+    assert "is assumed" in finding.message
+    assert (finding.hint or "").startswith("write ")
+    assert read_recording(folder).findings == (finding,)
+
+
+def test_a_key_with_a_fault_is_not_called_absent(draft: Draft, tmp_path: Path) -> None:
+    declare("imu", "rigid", value="yes")(draft)
+    assert "assumed" not in {finding.code for finding in check_recording(draft.write(tmp_path / "rec")).findings}
+
+
 def test_fixes_against_the_direction_are_a_warning(draft: Draft, tmp_path: Path) -> None:
     draft.toml["track"]["direction"] = -1
     found = doubts(draft, tmp_path / "rec")
