@@ -80,11 +80,26 @@ class GtsamProblem(Outlined):
         return 1 if kind.shared else len(self.t)
 
     def key(self, kind: Kind, number: int = 0) -> int:
-        """Return the key of a variable; ``number`` counts keyframes from 0, negative ones from the end."""
-        return int(kind.keys(np.array([range(self._count(kind))[number]]))[0])
+        """Return the key of a variable; ``number`` counts keyframes from 0, negative ones from the end.
+
+        Raises ``TypeError`` for what is no kind, and ``IndexError`` for a number that this graph does not have.
+        """
+        if not isinstance(kind, Kind):
+            raise TypeError(f"{kind!r} is no kind of variable: expected one such as Kind.NAV")
+        count = self._count(kind)
+        if not -count <= number < count:
+            numbers = f"a number from 0 to {count - 1}" if count else "another kind"
+            raise IndexError(f"the graph has no variable {kind.name} {number}: expected {numbers}")
+        return int(kind.keys(np.array([range(count)[number]]))[0])
 
     def key_at(self, kind: Kind, t_s: float) -> int:
-        """Return the key of the variable at the keyframe nearest to the time ``t_s``, s."""
+        """Return the key of the variable at the keyframe nearest to the time ``t_s``, s.
+
+        Raises ``ValueError`` for a time before the first or after the last keyframe by more than these are apart.
+        """
+        beyond = max(self.t[0] - t_s, t_s - self.t[-1])
+        if not beyond <= np.max(np.diff(self.t), initial=0.0):
+            raise ValueError(f"the graph has no keyframe at {t_s:g} s: expected {self.t[0]:g} to {self.t[-1]:g} s")
         return self.key(kind, int(np.argmin(np.abs(self.t - t_s))))
 
     def variable(self, key: int) -> Variable:

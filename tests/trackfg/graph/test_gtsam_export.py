@@ -226,5 +226,11 @@ def test_keys_say_what_they_stand_for(plain: tuple[Problem, Solution]) -> None:
         export.variable(gtsam.symbol("x", 0))
     with pytest.raises(ValueError, match="no variable"):
         export.variable(gtsam.symbol("n", n))
-    with pytest.raises(IndexError):
+    with pytest.raises(IndexError, match=rf"no variable NAV {n}: expected a number from 0 to {n - 1}"):
         export.key(Kind.NAV, n)
+    with pytest.raises(TypeError, match=r"'NAV' is no kind of variable: expected one such as Kind\.NAV"):
+        export.key("NAV", 1)  # type: ignore[arg-type]
+    assert export.key_at(Kind.NAV, problem.t[-1] + 0.01) == export.key(Kind.NAV, -1)
+    for t in (1e6, problem.t[0] - 1e3, np.nan):
+        with pytest.raises(ValueError, match="no keyframe at"):
+            export.key_at(Kind.NAV, t)
