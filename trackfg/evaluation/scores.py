@@ -129,4 +129,4 @@ def _mean_square_root(values: pd.Series[float], weights: Array | None = None) ->
 
 def rms(values: Array | pd.Series) -> float:
     """Return the root of the mean square; NaN of no values, and where one is."""
-    return float(np.sqrt(np.mean(np.square(values)))) if len(values) else np.nan
+    return float(np.sqrt(np.mean(np.square(np.asarray(values))))) if len(values) else np.nan

@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from trackfg.evaluation.scores import score_bands, score_run, score_runs
+from trackfg.evaluation.scores import rms, score_bands, score_run, score_runs
 from trackfg.numerics.arrays import Array
 
 STEP_M = 0.25
@@ -88,3 +88,9 @@ def test_what_claims_no_sigma_is_scored_all_the_same() -> None:
     row = whole.iloc[0]
     assert (row["places"], row["mean_abs"], row["max"]) == (2, 2.0, 3.0)
     assert np.isnan([row["mean_sd"], row["ratio"], row["coverage"]]).all()
+
+
+@pytest.mark.parametrize("kind", [np.array, pd.Series])
+def test_the_rms_of_what_is_partly_missing_is_missing(kind: Callable[[list[float]], Array | pd.Series]) -> None:
+    assert np.isnan(rms(kind([3.0, np.nan])))
+    assert rms(kind([3.0, -3.0])) == 3.0
