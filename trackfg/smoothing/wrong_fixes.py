@@ -168,8 +168,9 @@ def _withheld_findings(run: SolvedRun, problem: Problem) -> tuple[Finding, ...]:
     off = -problem.run.direction * withheld.residual(run.solution.states)[:, 0]
     named = [f"{problem.t[k]:.1f} s ({r:+.1f} m)" for k, r in zip(withheld.slots[0].index, off, strict=True)]
     more = f" and {len(named) - _NAMED} more" if len(named) > _NAMED else ""
+    verbs = ("contradicts", "was") if len(named) == 1 else ("contradict", "were")
     message = (
-        f"{len(named)} of {len(named) + len(fixes)} fixes contradict the others and were withheld: at "
+        f"{len(named)} of {len(named) + len(fixes)} fixes {verbs[0]} the others and {verbs[1]} withheld: at "
         f"{', '.join(named[:_NAMED])}{more}"
     )
     hint = "compare their chainages with the line's register; the events list each fix"
@@ -194,4 +195,8 @@ def _doubts(declared: Problem) -> tuple[Doubt, ...]:
         return ()
     right, rival = agreed.votes
     reason = f"{right} fixes agree on one place and {rival} on another: either may be right"
-    return (Doubt(("chainage",), np.inf, reason, "remove the fixes that are wrong from the recording"),)
+    hint = "remove the fixes that are wrong from the recording"
+    if right == 1:
+        reason = f"no two of {len(agreed.right)} fixes are as far apart as the wheel rolled between them, the same way"
+        hint = f"check track.direction, the tach's unit and the fixes' chainages; {hint}"
+    return (Doubt(("chainage",), np.inf, reason, hint),)

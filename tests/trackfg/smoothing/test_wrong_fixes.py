@@ -51,3 +51,19 @@ def test_right_fixes_stay(run: Simulation) -> None:
     result = smooth(run.recording)
     assert not any(finding.code == "fixes-withheld" for finding in result.summary.findings)
     assert set(result.events["kind"]).isdisjoint({"fix set aside"})
+
+
+def test_fixes_that_all_contradict_each_other_are_not_counted_as_places(run: Simulation) -> None:
+    """With the wrong direction every fix is right by itself only."""
+    description, fixes = run.recording.description, run.recording.fixes
+    assert fixes is not None
+    track = description.track.model_copy(update={"direction": -description.track.direction})
+    turned = replace(run.recording, description=description.model_copy(update={"track": track}))
+    (chainage,) = (verdict for verdict in smooth(turned).summary.verdicts if verdict.quantity == "chainage")
+    assert chainage.status == "not_trusted"
+    (hint,) = (
+        hint
+        for reason, hint in zip(chainage.reasons, chainage.hints, strict=True)
+        if reason.startswith(f"no two of {len(fixes)} fixes")
+    )
+    assert "check track.direction" in hint
