@@ -191,7 +191,7 @@ def verdicts(result: Result) -> tuple[Table, Table]:
         style = "" if opinion.verdict == "trusted" else _COLOUR["warning"]
         verdict.add_row(Text(opinion.verdict, style=style), Text(", ".join(opinion.quantities)))
     why = titled("Why", *columns("what is seen", "concerns", "what to do", overflow="fold"), show_lines=True)
-    for cause in causes(found):
+    for cause in causes(found, result.summary.findings):
         why.add_row(Text(cause.reason), Text(", ".join(cause.quantities)), Text(cause.hint))
     return verdict, why
 

@@ -13,6 +13,7 @@ from typing import Literal, get_args
 
 from pydantic import Field
 
+from trackfg.recording.findings import Finding
 from trackfg.recording.strict_model import Model
 
 Quantity = Literal[
@@ -129,13 +130,14 @@ def opinions(verdicts: Iterable[Verdict]) -> list[Opinion]:
     return [Opinion(verdict, tuple(names) if len(groups) > 1 else ("all",)) for verdict, names in groups.items()]
 
 
-def causes(verdicts: Iterable[Verdict]) -> list[Cause]:
-    """Return each reason once, in the order of the verdicts that it is for."""
+def causes(verdicts: Iterable[Verdict], findings: Iterable[Finding] = ()) -> list[Cause]:
+    """Return each reason once, in the order of the verdicts that it is for; ``findings`` are those of the result."""
+    withheld = any(finding.code == "fixes-withheld" for finding in findings)
     listed = _worst_first(verdicts)
     groups: dict[tuple[str, str], list[str]] = {}
     for verdict in listed:
         pairs = zip(verdict.reasons, verdict.hints, strict=True)
-        for pair in dict.fromkeys(pairs) if verdict.status != "trusted" else [(_tested(verdict.checked_by), "")]:
+        for pair in dict.fromkeys(pairs) if verdict.status != "trusted" else [(_tested(verdict, withheld), "")]:
             groups.setdefault(pair, []).append(verdict.name)
     return [
         Cause(reason, tuple(names) if len(names) < len(listed) else ("all",), hint)
@@ -153,10 +155,11 @@ def _in_words(verdict: Verdict) -> str:
     return "trusted" if verdict.status == "trusted" else "not to be trusted"
 
 
-def _tested(checked_by: tuple[str, ...]) -> str:
-    if not checked_by:
+def _tested(verdict: Verdict, withheld: bool) -> str:
+    if not verdict.checked_by:
         return "nothing in the recording tests it: the sigma is the model's"
-    return "what is measured more than once agrees within its sigmas"
+    agrees = "what is measured more than once agrees within its sigmas"
+    return f"{agrees}, but for fixes that were withheld" if withheld and verdict.quantity == "chainage" else agrees
 
 
 def _verdict(quantity: Quantity, doubts: tuple[Doubt, ...], checked_by: tuple[str, ...]) -> Verdict:

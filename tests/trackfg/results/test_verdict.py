@@ -9,6 +9,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
+from trackfg.recording.findings import Finding
 from trackfg.results.columns import TRAJECTORY_COLUMNS
 from trackfg.results.place_covariance import PlaceCovariance
 from trackfg.results.result import Result
@@ -87,6 +88,15 @@ def test_people_read_each_verdict_and_each_reason_once() -> None:
     assert "nothing in the recording tests it: the sigma is the model's" in [cause.reason for cause in why]
     assert [opinion.quantities for opinion in opinions(verdicts([]))] == [("all",)]
     assert [cause.quantities for cause in causes(verdicts([]))] == [("all",)]
+
+
+def test_fixes_that_were_withheld_did_not_agree() -> None:
+    found = verdicts([], {"chainage": ("8 fixes",), "roll": ("3 rests",)})
+    agrees = "what is measured more than once agrees within its sigmas"
+    withheld = Finding("warning", "fixes-withheld", "1 of 9 fixes contradicts the others and was withheld")
+    assert Cause(f"{agrees}, but for fixes that were withheld", ("chainage",), "") in causes(found, [withheld])
+    assert Cause(agrees, ("roll",), "") in causes(found, [withheld])
+    assert Cause(agrees, ("chainage", "roll"), "") in causes(found)
 
 
 def test_sigmas_are_widened_by_the_factor_of_their_quantity(make_result: Callable[..., Result]) -> None:

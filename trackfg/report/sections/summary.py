@@ -117,7 +117,8 @@ def _trust(page: Summary) -> Iterator[PageTable]:
             for one in opinions(found)
         )
         yield PageTable(("verdict", "quantities"), tuple(rows), caption="Can the sigmas be trusted?")
-        reasons = (TableRow((cause.reason, ", ".join(cause.quantities), cause.hint)) for cause in causes(found))
+        why = causes(found, page.findings)
+        reasons = (TableRow((cause.reason, ", ".join(cause.quantities), cause.hint)) for cause in why)
         yield PageTable(("what is seen", "concerns", "what to do"), tuple(reasons), caption="Why?")
 
 
