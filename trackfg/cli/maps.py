@@ -53,6 +53,7 @@ def build(
     from trackfg.cli.map_file import FleetRuns, build_map_file
     from trackfg.config import SmoothConfig
     from trackfg.maps.location import locate
+    from trackfg.report.numbers import counted
 
     settings = SmoothConfig.from_toml(config) if config else None
     with progress_bar() as progress:
@@ -60,7 +61,8 @@ def build(
         built = build_map_file(runs, place, name=name, config=settings, fleet=fleet, progress=progress)
     curves = built.landmarks["curve_id"].replace("", None).nunique()
     km = 1e-3 * len(built.grid) * built.conventions.step_m
-    tell(f"map: {locate(place).shown} version {built.version}: {len(built.runs)} runs, {km:.1f} km, {curves} curves")
+    contents = f"{counted(len(built.runs), 'run')}, {km:.1f} km, {counted(curves, 'curve')}"
+    tell(f"map: {locate(place).shown} version {built.version}: {contents}")
 
 
 @maps.command(example="trackfg map changes out5 line.gpkg -o changes.csv", loads="trackfg.mapping")
@@ -215,7 +217,8 @@ def diff(
     b = read_map(first if second is None else second, to_version)
     if second is None and from_version is None:
         if b.parent is None:
-            raise BadInputError(f"version {b.version} of {b.name!r} is made from none: expected another map or version")
+            made = f"version {b.version} of {b.name!r} was made from no earlier version"
+            raise BadInputError(f"{made}: expected another map, or --from-version")
         from_version = b.parent
     a = read_map(first, from_version)
     try:

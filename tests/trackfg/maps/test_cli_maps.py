@@ -124,7 +124,7 @@ def test_what_cannot_be_done(run: Run, line: Path, make_map: MakeMap, tmp_path: 
     for arguments, message in (
         (("show", tmp_path / "nowhere.gpkg"), "nowhere.gpkg"),
         (("show", line, "--version", 7), "versions 1 to 2"),
-        (("diff", line, "--to-version", 1), "made from none"),
+        (("diff", line, "--to-version", 1), "version 1 of 'line' was made from no earlier version"),
         (("diff", line, tmp_path / "coarse.gpkg"), "expected the same step"),
     ):
         status, out, err = run(*arguments)
