@@ -12,6 +12,7 @@ import sys
 import threading
 import tomllib
 import warnings
+from contextlib import suppress
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
@@ -416,8 +417,12 @@ def compare(options: CompareOptions) -> None:
 def plot(
     result: ResultFolder,
     out: Annotated[Path | None, out_file("Picture: .png, .svg or .html. OUT.png if absent.")] = None,
-    from_m: Annotated[float | None, typer.Option("--from", metavar="M", help="First chainage, m.")] = None,
-    to_m: Annotated[float | None, typer.Option("--to", metavar="M", help="Last chainage, m.")] = None,
+    first: Annotated[
+        str | None, typer.Option("--from", metavar="M", help="First chainage, m, or official place, 12+345.")
+    ] = None,
+    last: Annotated[
+        str | None, typer.Option("--to", metavar="M", help="Last chainage, m, or official place, 12+345.")
+    ] = None,
     limits: Limits = None,
     level: Level = None,
     line_speed: LineSpeed = None,
@@ -436,6 +441,7 @@ def plot(
     _refuse_inside(result, path)
     content = Result.read(result)
     choice = _limit_choice(limits, level, line_speed)
+    from_m, to_m = (_chainage(content, option, text) for option, text in (("--from", first), ("--to", last)))
     if content.geometry.empty and choice is None and from_m is None and to_m is None:
         with working("chart"):
             plot_trajectory(content, path)
@@ -546,6 +552,24 @@ def _limit_lines(result: Result, choice: LimitChoice | None) -> list[LimitLine]:
     for reason, number in left_out.items():
         complain(f"trackfg: warning: {number} {'limit' if number == 1 else 'limits'} not drawn: {reason}")
     return lines
+
+
+def _chainage(result: Result, option: str, text: str | None) -> float | None:
+    """Return the chainage that an option states, m: a bare number, or an official place of the result's line."""
+    from trackfg.results.official_places import shown_kilometrage
+
+    if text is None:
+        return None
+    with suppress(ValueError):
+        return float(text)
+    line = shown_kilometrage(result, None)
+    if line is None:
+        hint = "Hint: official places need [kilometrage] in the recording (docs/kilometrage.md)"
+        raise BadInputError(f"{option} {text}: expected a chainage in m, such as 12345. {hint}")
+    try:
+        return line.kilometrage().read(text)
+    except ValueError as error:
+        raise BadInputError(f"{option}: {error}") from error
 
 
 def _warn_unless_converged(result: Result) -> None:

@@ -20,7 +20,9 @@ from trackfg.config import SmoothConfig
 from trackfg.datasets.faults import drop_imu
 from trackfg.datasets.scenarios import simulate
 from trackfg.io.writer import write_recording
+from trackfg.recording.line_kilometrage import KmEquation, LineKilometrage
 from trackfg.results.result import Result
+from trackfg.results.summary import RunFacts
 from trackfg.results.widening import QUANTITY_OF_COLUMN, UNKNOWN_SD
 
 COMMANDS = (
@@ -600,12 +602,30 @@ def test_plot_a_range_twice_the_same(run: Run, result: Path, tmp_path: Path, suf
         assert '"displaylogo": false' in text
 
 
+def test_plot_a_range_of_official_places(run: Run, result: Path, tmp_path: Path) -> None:
+    content = Result.read(result)
+    line = LineKilometrage(equation=(KmEquation(chainage_m=0.0, km="12+000"),))
+    facts = RunFacts(content_sha256="0" * 64, direction=1, anchored=True, mount_roll_sd_rad=0.0, kilometrage=line)
+    placed = replace(content, summary=content.summary.model_copy(update={"run": facts}))
+    placed.write(tmp_path / "placed")
+    charts = []
+    for begin, end in (("12+100", "12+200.5"), (100, 200.5)):
+        path = tmp_path / f"{len(charts)}.svg"
+        assert run("plot", tmp_path / "placed", "--from", begin, "--to", end, "-o", path).status == 0
+        charts.append(path.read_bytes())
+    assert charts[0] == charts[1]
+    done = run("plot", tmp_path / "placed", "--to", "here", "-o", tmp_path / "2.svg")
+    assert (done.status, done.out) == (2, "")
+    assert "--to: 'here' is no place: expected one such as 12+345" in done.err
+
+
 @pytest.mark.parametrize(
     ("arguments", "expected"),
     [
         (("-o", "chart.pdf"), "expected a file that ends in .png, .svg or .html"),
         (("--from", 300, "--to", 200), "no geometry between 300 and 200 m: the result covers chainage 0.00 to"),
         (("--from", 1e6), "no geometry from 1e+06 m on"),
+        (("--from", "12+100"), "--from 12+100: expected a chainage in m"),
         (("--limits", "nowhere.toml"), "nowhere.toml: cannot be read"),
         (("--limits", "cfr-213", "--level", "class 10"), "no limits of level 'class 10'"),
         (("--level", "class 4"), "expected --limits too"),
