@@ -279,20 +279,22 @@ def _fixes(recording: Recording, positions: PositionFit, limits: CheckLimits) ->
 
 
 def _fix_order(recording: Recording) -> list[Finding]:
-    """Fixes whose chainages run against the declared direction, while the vehicle does not turn back."""
-    fixes, part = recording.fixes, recording.description.fixes
-    if fixes is None or part is None or recording.tach is None or recording.description.tach is None:
+    """Fixes whose chainages run against the declared direction: most of them where it is wrong, few where they are."""
+    fixes, part, tach = recording.fixes, recording.description.fixes, recording.description.tach
+    if fixes is None or part is None or recording.tach is None or tach is None:
         return []
-    if recording.description.tach.signed:
-        return []
-    steps = recording.description.track.direction * fixes["chainage_m"].diff()
-    against = (steps < -3.0 * fixes["chainage_sd_m"]).to_numpy()
-    if against.any():
-        moved = np.interp(fixes["t_s"], recording.tach["t_s"], with_sense(recording)["distance_m"])
-        against = against & (np.diff(moved, prepend=moved[:1]) > 0.0)
+    rolled = np.interp(fixes["t_s"], recording.tach["t_s"], with_sense(recording)["distance_m"])
+    moved = np.diff(rolled, prepend=rolled[:1])
+    steps = recording.description.track.direction * fixes["chainage_m"].diff().to_numpy()
+    least = 3.0 * fixes["chainage_sd_m"].to_numpy()
+    clear = (np.abs(steps) > least) & (np.abs(moved) > least)
+    against = clear & (steps * moved < 0.0)
+    is_rule = 2 * np.count_nonzero(against) > np.count_nonzero(clear)
     message = f"chainage runs against track.direction = {recording.description.track.direction}"
-    hint = "set track.direction = -1 if chainage falls along this run, or sort out the mixed-up fix"
-    if recording.description.track.direction == -1:
-        hint = hint.replace("-1", "1").replace("falls", "grows")
+    other, changes = (-1, "falls") if recording.description.track.direction == 1 else (1, "grows")
+    hint = f"set track.direction = {other} if chainage {changes} along this run, or sort out the mixed-up fix"
+    if tach.signed:
+        hint += ", or turn the tach's sign if it counts forward motion as negative"
     place = ColumnPlace(part.file, part.chainage, fixes["t_s"].to_numpy())
-    return place.at_first(against, "fix-order", message, "chainages in the order of the run", hint, "warning")
+    code = "direction" if is_rule else "fix-order"
+    return place.at_first(against, code, message, "chainages in the order of the run", hint, "warning")

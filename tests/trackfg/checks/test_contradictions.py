@@ -151,7 +151,7 @@ MISTAKES: dict[str, tuple[Spoil, set[str], str]] = {
     "fixes in km": (
         scaled("fixes", 1e-3, "chainage_m"), {"fix-unit"}, "look like km: multiply them by 1000"),
     "fixes against the direction": (
-        scaled("fixes", -1.0, "chainage_m"), {"fix-order"}, "set track.direction = -1"),
+        scaled("fixes", -1.0, "chainage_m"), {"direction"}, "set track.direction = -1"),
     "balises are 2 s late": (later("fixes", 2.0), {"fix-delay"}, "set fixes.time_offset_s = -"),
     "much more noise than declared": (noisier(GYRO, 0.01), {"noise-low"}, "set gyro_white = "),
 }  # fmt: skip
@@ -267,3 +267,25 @@ def test_a_tilted_sensor_of_a_few_euros_is_no_exchanged_one(seed: int) -> None:
     recording = simulate(plan, seed=seed, duration_s=200.0).recording
     codes = {finding.code for finding in diagnose(recording)[1]}
     assert not codes & {"gyro-sign", "gyro-columns", "accel-sign", "accel-columns"}
+
+
+@pytest.mark.parametrize(("back", "signed"), [(False, False), (False, True), (True, True)])
+@pytest.mark.parametrize(("wrong", "expected"), [(0, set()), (1, {"fix-order"}), (4, {"direction"})])
+def test_one_fix_in_the_wrong_place_is_no_wrong_direction(
+    wrong: int, expected: set[str], back: bool, signed: bool, sound: Recording
+) -> None:
+    assert sound.tach is not None
+    assert sound.fixes is not None
+    assert sound.description.tach is not None
+    tach = sound.description.tach.model_copy(update={"signed": signed})
+    t = np.linspace(sound.tach["t_s"].iloc[0], sound.tach["t_s"].iloc[-1], 5)
+    chainage = np.interp(t, sound.tach["t_s"], sound.tach["distance_m"])
+    chainage[1 : 1 + wrong] = chainage[1 : 1 + wrong][::-1] if wrong > 1 else chainage[0] - 900.0
+    sense = -1.0 if back else 1.0
+    turned = replace(
+        sound,
+        description=sound.description.model_copy(update={"tach": tach}),
+        tach=sound.tach.assign(distance_m=sense * sound.tach["distance_m"]),
+        fixes=pd.DataFrame({"t_s": t, "chainage_m": sense * chainage, "chainage_sd_m": 0.3}),
+    )
+    assert {finding.code for finding in diagnose(turned)[1]} & {"fix-order", "direction"} == expected

@@ -473,8 +473,8 @@ def test_a_key_with_a_fault_is_not_called_absent(draft: Draft, tmp_path: Path) -
 def test_fixes_against_the_direction_are_a_warning(draft: Draft, tmp_path: Path) -> None:
     draft.toml["track"]["direction"] = -1
     found = doubts(draft, tmp_path / "rec")
-    assert "fixes.csv, column 'chainage_m', data row 2" in found["fix-order"]
-    assert "set track.direction = 1" in found["fix-order"]
+    assert "fixes.csv, column 'chainage_m', data row 2" in found["direction"]
+    assert "set track.direction = 1" in found["direction"]
 
 
 def test_a_latitude_elsewhere_and_a_partial_overlap_are_warnings(draft: Draft, tmp_path: Path) -> None:

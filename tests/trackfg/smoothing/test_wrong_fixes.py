@@ -53,17 +53,29 @@ def test_right_fixes_stay(run: Simulation) -> None:
     assert set(result.events["kind"]).isdisjoint({"fix set aside"})
 
 
+def against_the_direction(run: Simulation) -> Recording:
+    description = run.recording.description
+    track = description.track.model_copy(update={"direction": -description.track.direction})
+    return replace(run.recording, description=description.model_copy(update={"track": track}))
+
+
 def test_fixes_that_all_contradict_each_other_are_not_counted_as_places(run: Simulation) -> None:
     """With the wrong direction every fix is right by itself only."""
-    description, fixes = run.recording.description, run.recording.fixes
-    assert fixes is not None
-    track = description.track.model_copy(update={"direction": -description.track.direction})
-    turned = replace(run.recording, description=description.model_copy(update={"track": track}))
-    (chainage,) = (verdict for verdict in smooth(turned).summary.verdicts if verdict.quantity == "chainage")
+    assert run.recording.fixes is not None
+    verdicts = {verdict.quantity: verdict for verdict in smooth(against_the_direction(run)).summary.verdicts}
+    chainage = verdicts["chainage"]
     assert chainage.status == "not_trusted"
     (hint,) = (
         hint
         for reason, hint in zip(chainage.reasons, chainage.hints, strict=True)
-        if reason.startswith(f"no two of {len(fixes)} fixes")
+        if reason.startswith(f"no two of {len(run.recording.fixes)} fixes")
     )
     assert "check track.direction" in hint
+
+
+def test_geometry_that_fixes_show_to_be_seen_from_the_wrong_end_is_not_trusted(run: Simulation) -> None:
+    """Left is right then, and up is down: the sigmas of a geometry that is mirrored say nothing."""
+    verdicts = {verdict.quantity: verdict for verdict in smooth(against_the_direction(run)).summary.verdicts}
+    for quantity in ("cross_level", "twist", "level", "alignment", "curvature", "gradient"):
+        assert verdicts[quantity].status == "not_trusted"
+        assert any("set track.direction = 1" in hint for hint in verdicts[quantity].hints)

@@ -32,6 +32,7 @@ SPOILED: dict[str, tuple[Quantity, ...]] = {
     "tach-absent": QUANTITIES,
     "gnss-mirrored": (*PLACE, "yaw"),
     "fix-unit": PLACE,
+    "direction": ("chainage", "cross_level", "twist", "level", "alignment", "curvature", "gradient"),
 }
 """The quantities that each finding makes untrustworthy, by its code."""
 
