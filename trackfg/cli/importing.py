@@ -119,18 +119,22 @@ def init(
         write_whole(target, geometry_mapping_text(measured[1]).encode("utf-8"))
         tell(f"mapping: {target}")
         return
-    proposal, made = _proposed(source, out, from_format, _assume if yes else _ask)
+    proposal, made = _proposed(source, out, from_format, _assume if yes else _ask, kept=target)
     write_whole(target, mapping_text(proposal).encode("utf-8"))
     _note_reasons(proposal, shown={f"{section}.{key}" for section, keys in _SHOWN.items() for key in keys})
     tell(_recognised(proposal, source), f"mapping: {target}")
     _report(made)
 
 
-def _proposed(source: Path, out: Path, from_format: str | None, ask: Ask) -> tuple[Proposal, Imported]:
-    """Propose a mapping and write the recording that it makes."""
+def _proposed(
+    source: Path, out: Path, from_format: str | None, ask: Ask, kept: Path | None = None
+) -> tuple[Proposal, Imported]:
+    """Propose a mapping and write the recording that it makes; where that fails, the mapping alone, if ``kept``."""
+    from trackfg.errors import BadInputError
+    from trackfg.files.atomic_file import write_whole
     from trackfg.interchange.importing.conversion import converted
     from trackfg.interchange.importing.mapping import mapping_of
-    from trackfg.interchange.importing.proposal import propose, unused_columns
+    from trackfg.interchange.importing.proposal import mapping_text, propose_columns, settle_by_force, unused_columns
     from trackfg.interchange.importing.registry import source_format
 
     form = source_format(source, from_format)
@@ -141,16 +145,25 @@ def _proposed(source: Path, out: Path, from_format: str | None, ask: Ask) -> tup
                 return ask(question)
 
         tables = form.tables(source, lambda _: None)
-        proposal = propose(tables, ask_alone, form.mapping(tables))
+        proposal = propose_columns(tables, ask_alone, form.mapping(tables))
         proposal.sections["source"] = form.key
-        mapping = mapping_of(proposal.sections, "proposed mapping")
-        conversion = converted(tables, mapping, run_id=source.stem)
-        notes = _notes_of(tables, conversion)
-        for name, columns in unused_columns(proposal.sections, tables).items():
-            more = f" and {len(columns) - _MOST_NAMED} more" if len(columns) > _MOST_NAMED else ""
-            notes.append(f"not used of {name}: {', '.join(columns[:_MOST_NAMED])}{more}")
-        del tables  # as above
-        made = conversion.write(out)
+        try:
+            settle_by_force(proposal, tables, ask_alone)
+            mapping = mapping_of(proposal.sections, "proposed mapping")
+            conversion = converted(tables, mapping, run_id=source.stem)
+            notes = _notes_of(tables, conversion)
+            for name, columns in unused_columns(proposal.sections, tables).items():
+                more = f" and {len(columns) - _MOST_NAMED} more" if len(columns) > _MOST_NAMED else ""
+                notes.append(f"not used of {name}: {', '.join(columns[:_MOST_NAMED])}{more}")
+            del tables  # as above
+            made = conversion.write(out)
+        except BadInputError:
+            if kept is not None:
+                write_whole(kept, mapping_text(proposal).encode("utf-8"))
+                edit = "correct it" if "axes" in proposal.sections["imu"] else "correct it and state imu.axes"
+                again = f"trackfg import {source} -o {out} --mapping {kept}"
+                _note([f"the answers are in {kept}: {edit}, then run: {again}"])
+            raise
     _note(notes)
     return proposal, made
 

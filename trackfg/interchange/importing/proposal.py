@@ -47,8 +47,16 @@ _RIGHT_ANGLE = 90.0
 def propose(tables: Sequence[SourceTable], ask: Ask, given: dict[str, Any] | None = None) -> Proposal:
     """Propose a mapping of ``tables``; ``given`` are the sections of a format that says itself what its columns are.
 
-    Raises :class:`BadInputError` where gyro or accelerometer are not found, or where gravity was removed.
+    Raises :class:`BadInputError` where gyro or accelerometer are not found, where gravity was removed, or where the
+    recording would not be usable.
     """
+    proposal = propose_columns(tables, ask, given)
+    settle_by_force(proposal, tables, ask)
+    return proposal
+
+
+def propose_columns(tables: Sequence[SourceTable], ask: Ask, given: dict[str, Any] | None = None) -> Proposal:
+    """Propose what the columns are, as :func:`propose` does, before anything is read from their values."""
     proposal = Proposal({"format": FORMAT, **(given or {})})
     if "imu" not in proposal.sections:
         propose_imu(proposal, tables, ask)
@@ -63,7 +71,6 @@ def propose(tables: Sequence[SourceTable], ask: Ask, given: dict[str, Any] | Non
     _time_zone(proposal, tables, ask)
     _vehicle(proposal, ask)
     _start(proposal, ask)
-    settle_by_force(proposal, tables, ask)
     return proposal
 
 

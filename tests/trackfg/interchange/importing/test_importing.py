@@ -77,6 +77,27 @@ def test_a_vendor_s_log_needs_one_command_and_no_script(tmp_path):
     assert (tmp_path / "again" / "recording.toml").read_text() == (out / "recording.toml").read_text()
 
 
+def test_init_keeps_the_answers_where_the_log_is_not_usable(tmp_path):
+    source, _ = vendor_log(tmp_path)
+    log = source / "log.csv"
+    rows = [row.split(b";") for row in log.read_bytes().splitlines()]
+    for i, row in enumerate(rows[4:]):
+        row[1] = row[1] if i % 3 == 0 else b""
+    log.write_bytes(b"\r\n".join(b";".join(row) for row in rows) + b"\r\n")
+    mapping = tmp_path / "run.mapping.toml"
+
+    done = _trackfg("init", source, "-o", tmp_path / "run", answers="90\n0.92\nUTC\n\n\n")
+
+    assert done.returncode == 2
+    assert "column 'GyrX'" in done.stderr
+    assert f"the answers are in {mapping}: correct it and state imu.axes, then run: trackfg import" in done.stderr
+    assert not (tmp_path / "run").exists()
+    assert tomllib.loads(mapping.read_text())["tach"]["pulses_per_rev"] == 90
+    again = _trackfg("import", source, "-o", tmp_path / "run", "--mapping", mapping)
+    assert again.returncode == 2
+    assert "column 'GyrX'" in again.stderr
+
+
 def test_init_says_what_it_recognised_and_takes_the_place_where_the_run_begins(tmp_path):
     recording = simulate("trolley", seed=1, duration_s=80.0).recording
     imu = recording.imu.iloc[::4]

@@ -334,6 +334,13 @@ def test_ids_beside_places_are_those_of_balises(names: str, drive: Drive, tmp_pa
     assert back.balises["chainage_m"].tolist() == [12345.0, 12350.5]
 
 
+def test_balises_of_a_line_against_its_chainages(drive: Drive, tmp_path: Path, imported: Import) -> None:
+    _write_imu(drive, tmp_path)
+    (tmp_path / "balises.csv").write_text("t,id,km\n8.0,4712,12+350.5\n15.0,4711,12+345.0\n")
+
+    assert _recording(imported(tmp_path)).description.track.direction == -1
+
+
 def test_an_id_of_samples_is_none_of_balises(drive: Drive, tmp_path: Path, imported: Import) -> None:
     _write_imu(drive, tmp_path)
     table = pd.read_csv(tmp_path / "imu.csv")

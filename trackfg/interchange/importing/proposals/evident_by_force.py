@@ -42,7 +42,7 @@ _FITS = 1.25
 def settle_by_force(proposal: Proposal, tables: Sequence[SourceTable], ask: Ask) -> None:
     """Set the axes that the data show, and ask where they do not show them clearly; likewise units that are assumed."""
     imu = proposal.sections["imu"]
-    if "axes" in imu and not proposal.assumed and "fixes" not in proposal.sections:
+    if "axes" in imu and not proposal.assumed and not {"fixes", "balises"} & proposal.sections.keys():
         return
     recording = _recording(proposal, tables)
     _direction(proposal, recording)
@@ -77,12 +77,12 @@ def _recording(proposal: Proposal, tables: Sequence[SourceTable]) -> Recording:
 
 
 def _direction(proposal: Proposal, recording: Recording) -> None:
-    """State that the run goes against the chainages, where those of its fixes fall."""
-    if recording.fixes is None or len(recording.fixes) < 2 or "track" not in proposal.sections:
-        return
-    if (np.diff(recording.fixes["chainage_m"]) < 0.0).all():
+    """State that the run goes against the chainages, where those of its fixes, or else of its balises, fall."""
+    name, places = ("balises", recording.balises) if recording.fixes is None else ("fixes", recording.fixes)
+    steps = np.empty(0) if places is None else np.diff(places["chainage_m"].dropna())
+    if steps.size and (steps < 0.0).all() and "track" in proposal.sections:
         proposal.sections["track"].setdefault("direction", -1)
-        proposal.reasons["track.direction"] = "the chainages of the fixes fall"
+        proposal.reasons["track.direction"] = f"the chainages of the {name} fall"
 
 
 def _axes(proposal: Proposal, estimates: Estimates, recording: Recording, ask: Ask) -> None:
