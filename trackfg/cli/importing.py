@@ -134,7 +134,8 @@ def _proposed(
     from trackfg.files.atomic_file import write_whole
     from trackfg.interchange.importing.conversion import converted
     from trackfg.interchange.importing.mapping import mapping_of
-    from trackfg.interchange.importing.proposal import mapping_text, propose_columns, settle_by_force, unused_columns
+    from trackfg.interchange.importing.proposal import mapping_text, propose_columns, unused_columns
+    from trackfg.interchange.importing.proposals.evident_by_force import settle_by_force
     from trackfg.interchange.importing.registry import source_format
 
     form = source_format(source, from_format)

@@ -441,7 +441,7 @@ def plot(
     _refuse_inside(result, path)
     content = Result.read(result)
     choice = _limit_choice(limits, level, line_speed)
-    from_m, to_m = (_chainage(content, option, text) for option, text in (("--from", first), ("--to", last)))
+    from_m, to_m = _range(content, first, last)
     if content.geometry.empty and choice is None and from_m is None and to_m is None:
         with working("chart"):
             plot_trajectory(content, path)
@@ -554,20 +554,38 @@ def _limit_lines(result: Result, choice: LimitChoice | None) -> list[LimitLine]:
     return lines
 
 
-def _chainage(result: Result, option: str, text: str | None) -> float | None:
-    """Return the chainage that an option states, m: a bare number, or an official place of the result's line."""
-    from trackfg.results.official_places import shown_kilometrage
+def _range(result: Result, first: str | None, last: str | None) -> tuple[float | None, float | None]:
+    """Return the chainages of ``--from`` and ``--to``, m: bare numbers, or official places of the result's line.
 
-    if text is None:
-        return None
+    Two places may be in either order, since they may fall along the run.
+    """
+    ends, numbers = [], []
+    for option, text in (("--from", first), ("--to", last)):
+        number = None if text is None else _number(text)
+        numbers.append(number)
+        ends.append(number if text is None or number is not None else _chainage(result, option, text))
+    from_m, to_m = ends
+    if from_m is None or to_m is None or numbers != [None, None]:
+        return from_m, to_m
+    return min(from_m, to_m), max(from_m, to_m)
+
+
+def _number(text: str) -> float | None:
     with suppress(ValueError):
         return float(text)
+    return None
+
+
+def _chainage(result: Result, option: str, place: str) -> float:
+    """Return the chainage of an official place of the result's line, m."""
+    from trackfg.results.official_places import shown_kilometrage
+
     line = shown_kilometrage(result, None)
     if line is None:
         hint = "Hint: official places need [kilometrage] in the recording (docs/kilometrage.md)"
-        raise BadInputError(f"{option} {text}: expected a chainage in m, such as 12345. {hint}")
+        raise BadInputError(f"{option} {place}: expected a chainage in m, such as 12345. {hint}")
     try:
-        return line.kilometrage().read(text)
+        return line.kilometrage().read(place)
     except ValueError as error:
         raise BadInputError(f"{option}: {error}") from error
 

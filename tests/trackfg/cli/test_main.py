@@ -609,11 +609,11 @@ def test_plot_a_range_of_official_places(run: Run, result: Path, tmp_path: Path)
     placed = replace(content, summary=content.summary.model_copy(update={"run": facts}))
     placed.write(tmp_path / "placed")
     charts = []
-    for begin, end in (("12+100", "12+200.5"), (100, 200.5)):
+    for begin, end in (("12+100", "12+200.5"), ("12+200.5", "12+100"), (100, 200.5)):
         path = tmp_path / f"{len(charts)}.svg"
         assert run("plot", tmp_path / "placed", "--from", begin, "--to", end, "-o", path).status == 0
         charts.append(path.read_bytes())
-    assert charts[0] == charts[1]
+    assert charts[0] == charts[1] == charts[2]
     done = run("plot", tmp_path / "placed", "--to", "here", "-o", tmp_path / "2.svg")
     assert (done.status, done.out) == (2, "")
     assert "--to: 'here' is no place: expected one such as 12+345" in done.err
