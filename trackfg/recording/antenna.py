@@ -14,12 +14,17 @@ _CLOCK_OF_A_TACH = ("tach-", "-clock")
 _HINT = "declare gnss.lever_arm_m if the antenna is not at the reference point"
 
 
+def is_declared(gnss: Gnss) -> bool:
+    """Return whether a recording says where the antenna is, be it at the reference point."""
+    return "lever_arm_m" in gnss.model_fields_set
+
+
 def with_antenna_named(findings: Iterable[Finding], gnss: Gnss | None) -> tuple[Finding, ...]:
     """Return findings of which those that an antenna elsewhere causes name its lever arm, where none is declared.
 
     An antenna l ahead is where the vehicle is l / v later: at one speed it cannot be told from a clock.
     """
-    if gnss is None or any(gnss.lever_arm_m):
+    if gnss is None or is_declared(gnss):
         return tuple(findings)
     return tuple(replace(one, hint=_named(one.hint)) if _may_be_its(one.code) else one for one in findings)
 

@@ -1,19 +1,21 @@
 """The clock of a GNSS receiver against the vehicle's: the shape of the path tells by how much its stamps are off.
 
 Dead reckoning with the yaw rate w and the wheel's speed v gives the path p in plan as complex numbers, right but for
-where it begins, which way it goes, its scale, and a slow change of these. So within a window of a minute the positions
-z, stamped t, on a clock that is set by T, are
+where it begins, which way it goes, its scale, and a slow change of these. The antenna is l away from it, forward and to
+the left. So within a window of a minute the positions z, stamped t, on a clock that is set by T, are
 
-    z = a + b p(t + T) + c q(t + T),   p' = v exp(i integral of w),   q' = (t - t_middle) p',
+    z = a + b (p + l e)(t + T) + c q(t + T),   e = exp(i integral of w),   p' = v e,   q' = (t - t_middle) p',
 
-a, b, c complex. For each T on a grid least squares leave the sum of squares S(T) in each of the windows. Noise differs
-from one to another, so the sum of ``n log S`` over all is least at the most likely T. Its sigma is that of
-M-estimators with errors that are correlated within windows (Huber 1967, the sandwich; windows are its clusters): with
-the derivatives g of each window's part and h of second order, ``sd = sqrt(sum g^2) / sum h``.
+a, b, c complex. Where no l is declared, ``d = b l`` is another complex parameter, within a vehicle's length of 0: an
+antenna ahead of the path is no clock that is early. For each T on a grid least squares leave the sum of squares S(T) in
+each of the windows. Noise differs from one to another, so the sum of ``n log S`` over all is least at the most likely
+T. Its sigma is that of M-estimators with errors that are correlated within windows (Huber 1967, the sandwich; windows
+are its clusters): with the derivatives g of each window's part and h of second order, ``sd = sqrt(sum g^2) / sum h``.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,6 +23,7 @@ from scipy.special import ndtr, stdtrit
 
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.spans import median_interval
+from trackfg.recording.antenna import is_declared
 from trackfg.recording.model import Recording
 from trackfg.sensors.averages import averaged
 
@@ -30,7 +33,11 @@ _STEP_S = 0.1
 _WINDOW_S = 60.0
 """A window, s: long enough for a change of speed or a curve, short enough for a gyro that drifts by degrees."""
 _WINDOW_POSITIONS = 12
-"""Positions of a window at least: it has three complex parameters, and the errors shall show."""
+"""Positions of a window at least: it has three or four complex parameters, and the errors shall show."""
+
+_ARM_SD_M = 13.2
+"""Sigma of an antenna's place that is not declared, m: half the length of a coach (26.4 m, UIC 567). It is meant to be
+wide, since the same error in all windows is not in the sigma of T."""
 
 _SHORTEST_M = 20.0
 """A window with less of a way says nothing, m: the path is within the noise of a receiver."""
@@ -58,17 +65,27 @@ def gnss_clock(recording: Recording) -> GnssClock | None:
     That is without a tach or GNSS, with fewer than three windows in motion, and where the best offset is at an end of
     the range.
     """
-    gnss, motion = recording.gnss, averaged(recording.imu, recording.tach, _STEP_S)
-    if gnss is None or recording.tach is None or motion is None or len(gnss) < _FEWEST_WINDOWS * _WINDOW_POSITIONS:
+    gnss, part = recording.gnss, recording.description.gnss
+    motion = averaged(recording.imu, recording.tach, _STEP_S)
+    if gnss is None or part is None or recording.tach is None or motion is None:
+        return None
+    if len(gnss) < _FEWEST_WINDOWS * _WINDOW_POSITIONS:
         return None
     heading = np.cumsum(motion.gyro[:, 2]) * motion.step_s
     velocity = motion.speed * np.exp(1j * (heading - 0.5 * motion.gyro[:, 2] * motion.step_s))
     edges = motion.t_s[0] + motion.step_s * (np.arange(len(motion.t_s) + 1) - 0.5)
     path = np.concatenate([[0.0], np.cumsum(velocity * motion.step_s)])
-    lever = np.concatenate([[0.0], np.cumsum((motion.t_s - motion.t_s[0]) * velocity * motion.step_s)])
+    change = np.concatenate([[0.0], np.cumsum((motion.t_s - motion.t_s[0]) * velocity * motion.step_s)])
+    ahead = np.exp(1j * np.concatenate([[0.0], heading]))
+    if is_declared(part):
+        forward, left, _ = part.lever_arm_m
+        columns, weights = [path + complex(forward, left) * ahead, change], [0.0, 0.0]
+    else:
+        noise = float(np.median(gnss[["east_sd_m", "north_sd_m"]]))
+        columns, weights = [path, change, ahead], [0.0, 0.0, noise / _ARM_SD_M]
     lags = np.arange(-_REACH_S, _REACH_S + 0.5 * _LAG_S, _LAG_S)
     costs = [
-        _cost(lags, t, z, edges, np.stack([path, lever]))
+        _cost(lags, t, z, edges, columns, weights)
         for t, z in _windows(gnss[["t_s", "east_m", "north_m"]].to_numpy(), edges, path)
     ]
     return _best(lags, np.array(costs)) if len(costs) >= _FEWEST_WINDOWS else None
@@ -91,13 +108,19 @@ def _windows(gnss: Array, edges: Array, path: Array) -> list[tuple[Array, Array]
     return windows
 
 
-def _cost(lags: Array, t: Array, z: Array, edges: Array, paths: Array) -> Array:
-    """Return ``n log S`` of one window for each lag, (lags,)."""
+def _cost(lags: Array, t: Array, z: Array, edges: Array, columns: Sequence[Array], weights: Sequence[float]) -> Array:
+    """Return ``n log S`` of one window for each lag, (lags,), of columns known at ``edges``.
+
+    ``weights`` are those of priors at 0 of their parameters, of the noise of a position over that of the parameter.
+    """
     at = t[None] + lags[:, None]
-    path, lever = (np.interp(at, edges, values) for values in paths)
-    A = np.stack([np.ones_like(path), path - path[:, :1], lever - lever[:, :1]], axis=2)
+    seen = [np.interp(at, edges, column) for column in columns]
+    A = np.stack([np.ones_like(seen[0]), *(column - column[:, :1] for column in seen)], axis=2)
+    priors = np.diag([0.0, *weights])[np.array([0.0, *weights]) > 0.0]
+    A = np.concatenate([A, np.broadcast_to(priors, (len(lags), *priors.shape))], axis=1)
     Q, _ = np.linalg.qr(A / np.linalg.norm(A, axis=1, keepdims=True))
-    centred = np.broadcast_to(z - z[0], path.shape)[:, :, None]
+    z = np.concatenate([z - z[0], np.zeros(len(priors))])
+    centred = np.broadcast_to(z, (len(lags), len(z)))[:, :, None]
     left = centred - Q @ (np.conj(np.swapaxes(Q, 1, 2)) @ centred)
     return np.asarray(len(t) * np.log(np.sum(np.abs(left[:, :, 0]) ** 2, axis=1) + 1e-12))
 

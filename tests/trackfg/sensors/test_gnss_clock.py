@@ -10,20 +10,22 @@ import pandas as pd
 import pytest
 
 from trackfg.datasets.scenarios import Simulation
+from trackfg.recording.description import Gnss
 from trackfg.recording.model import GNSS_COLUMNS, IMU_COLUMNS, Recording
 from trackfg.sensors.gnss_clock import gnss_clock
 
 
-def drive(offset_s: float, seed: int, template: Recording) -> Recording:
+def drive(offset_s: float, seed: int, template: Recording, ahead_m: float = 0.0) -> Recording:
     """A drive through curves at a speed that changes, 0.5 m of noise; the gyro drifts by 0.1 deg/s, the wheel by 2 %.
 
-    Written without trackfg: speed 15 + 5 sin(t / 20), yaw rate 0.03 sin(t / 13).
+    Written without trackfg: speed 15 + 5 sin(t / 20), yaw rate 0.03 sin(t / 13). The antenna is
+    ``ahead_m`` ahead, which is not declared.
     """
     rng = np.random.default_rng(seed)
     t = np.arange(0.0, 300.0, 0.02)
     speed, rate = 15.0 + 5.0 * np.sin(t / 20.0), 0.03 * np.sin(t / 13.0)
     heading = -0.03 * 13.0 * (np.cos(t / 13.0) - 1.0) + 1.0
-    east, north = (np.cumsum(speed * wave(heading)) * 0.02 for wave in (np.cos, np.sin))
+    east, north = (np.cumsum(speed * wave(heading)) * 0.02 + ahead_m * wave(heading) for wave in (np.cos, np.sin))
     imu = pd.DataFrame(0.0, index=range(len(t)), columns=list(IMU_COLUMNS)).assign(
         t_s=t, wz_radps=rate + np.radians(0.1), fz_mps2=9.8
     )
@@ -34,7 +36,16 @@ def drive(offset_s: float, seed: int, template: Recording) -> Recording:
         east_m=np.interp(at, t, east) + 0.5 * rng.standard_normal(len(at)),
         north_m=np.interp(at, t, north) + 0.5 * rng.standard_normal(len(at)),
     )
-    return replace(template, imu=imu, tach=tach, gnss=gnss)
+    part = Gnss(file="gnss.csv", position=("e", "n", "u"), sd=("se", "sn", "su"), frame="local")
+    description = template.description.model_copy(update={"gnss": part})
+    return replace(template, description=description, imu=imu, tach=tach, gnss=gnss)
+
+
+def with_arm(recording: Recording, ahead_m: float) -> Recording:
+    """Declare where the antenna is."""
+    assert recording.description.gnss is not None
+    part = recording.description.gnss.model_copy(update={"lever_arm_m": (ahead_m, 0.0, 0.0)})
+    return replace(recording, description=recording.description.model_copy(update={"gnss": part}))
 
 
 @pytest.mark.parametrize("offset_s", [-2.0, -0.4, 0.0, 1.5])
@@ -42,11 +53,28 @@ def test_the_offset_is_found_with_its_sigma(offset_s: float, simulated: Callable
     template = simulated("mainline-gnss", seed=2, duration_s=40.0).recording
     errors = []
     for seed in range(12):
-        found = gnss_clock(drive(offset_s, seed, template))
+        found = gnss_clock(with_arm(drive(offset_s, seed, template), 0.0))
         assert found is not None
         errors.append((found.offset_s - offset_s) / found.sd_s)
         assert found.sd_s < 0.25
     assert np.sqrt(np.mean(np.square(errors))) < 2.5
+
+
+@pytest.mark.parametrize(("ahead_m", "declared"), [(6.0, True), (6.0, False), (-6.0, False), (12.0, False)])
+def test_an_antenna_ahead_is_no_clock_that_is_early(
+    ahead_m: float, declared: bool, simulated: Callable[..., Simulation]
+) -> None:
+    """At 15 m/s 6 m are 0.4 s. Where the antenna is declared nothing is left of it, else no sure offset."""
+    template = simulated("mainline-gnss", seed=2, duration_s=40.0).recording
+    found = []
+    for seed in range(12):
+        run = drive(0.0, seed, template, ahead_m)
+        clock = gnss_clock(with_arm(run, ahead_m) if declared else run)
+        assert clock is not None
+        found.append((clock.offset_s, clock.sd_s))
+    offset, sd = np.array(found).T
+    assert (np.abs(offset) < 3.0 * sd).all()
+    assert abs(offset.mean()) < (0.03 if declared else 0.2)
 
 
 def test_a_short_run_says_nothing(simulated: Callable[..., Simulation]) -> None:

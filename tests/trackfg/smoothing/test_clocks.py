@@ -11,6 +11,7 @@ from trackfg.datasets.effects.positions import LateGnss
 from trackfg.datasets.effects.wheel import LateTach
 from trackfg.datasets.scenario import Effect
 from trackfg.datasets.scenarios import Simulation, scenario, simulate
+from trackfg.recording.description import Gnss
 from trackfg.smoothing.smoother import smooth
 
 
@@ -73,16 +74,17 @@ def test_a_jump_of_the_imus_clock_is_taken_out(run: Simulation) -> None:
     np.testing.assert_allclose(result.trajectory["speed_mps"], steady.trajectory["speed_mps"], atol=2e-3)
 
 
-@pytest.mark.parametrize("ahead_m", [0.0, 0.5])
-def test_positions_that_look_late_may_be_of_an_antenna_elsewhere(run: Simulation, ahead_m: float) -> None:
+@pytest.mark.parametrize("declared", [False, True])
+def test_positions_that_look_late_may_be_of_an_antenna_elsewhere(run: Simulation, declared: bool) -> None:
     gnss, description = run.recording.gnss, run.recording.description
     assert gnss is not None
     assert description.gnss is not None
-    part = description.gnss.model_copy(update={"lever_arm_m": (ahead_m, 0.0, 0.0)})
+    keys = description.gnss.model_dump(exclude={"lever_arm_m"})
+    part = Gnss(**keys, lever_arm_m=(0.0, 0.0, 0.0)) if declared else Gnss(**keys)
     late = replace(
         run.recording,
         gnss=gnss.assign(t_s=gnss["t_s"] + 1.5),
         description=description.model_copy(update={"gnss": part}),
     )
     (finding,) = (finding for finding in smooth(late).summary.findings if finding.code == "gnss-clock")
-    assert ("declare gnss.lever_arm_m" in (finding.hint or "")) == (not ahead_m)
+    assert ("declare gnss.lever_arm_m" in (finding.hint or "")) == (not declared)
