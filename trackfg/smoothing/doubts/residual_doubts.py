@@ -104,7 +104,7 @@ _HINTS = {
     "speed": "check scale and mounting of the speed sensor",
     "fixes": "check the chainages of the fixes, or declare the sigma that they have",
     "map": "check that the map is of this track",
-    "gnss": "declare the sigma that the positions have, and position.gnss_correlation_s",
+    "gnss": "check gnss.lever_arm_m; declare the sigma that the positions have, and position.gnss_correlation_s",
     "biases": "declare the instability of the biases ([imu.noise]); let the sensor warm up",
     "rests": "look at the standstills among the events",
     "bias prior": "declare the grade of the sensor ([imu.noise]: gyro_bias_sd, accel_bias_sd)",
