@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 import pandas as pd
 
 from trackfg.config import SmoothConfig
+from trackfg.results.flatten import leaves
 from trackfg.results.summary import versions
 
 _COMPUTING = ("trackfg", "gtsam", "numpy", "scipy")
@@ -82,7 +83,7 @@ def changed_settings(page: Mapping[str, Any], settings: SmoothConfig) -> str:
     before, now = page.get("settings"), settings.model_dump(mode="json")
     if before is None:
         return "the summary has no settings"
-    old, new = (dict(_flat(values)) for values in (before, now))
+    old, new = (dict(leaves(values)) for values in (before, now))
     names = [name for name in {**new, **old} if old.get(name) != new.get(name)]
     shown = ", ".join(f"{name} is {new.get(name)}, not {old.get(name)}" for name in names[:_SHOWN_SETTINGS])
     more = len(names) - _SHOWN_SETTINGS
@@ -99,11 +100,3 @@ def _algorithm(versions: Mapping[str, str]) -> str:
 
 def _digest(settings: Mapping[str, Any]) -> str:
     return hashlib.sha256(json.dumps(settings, sort_keys=True).encode()).hexdigest()
-
-
-def _flat(values: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
-    for name, value in values.items():
-        if isinstance(value, Mapping):
-            yield from _flat(value, f"{prefix}{name}.")
-        else:
-            yield prefix + name, value

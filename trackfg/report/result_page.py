@@ -18,7 +18,6 @@ from trackfg.plots.strip_chart import LimitLine
 from trackfg.report.balise_section import balise_sections
 from trackfg.report.consistency import band_table, coverage_table, error_table, histograms, noise_bars
 from trackfg.report.exceedances import exceedance_places, exceedance_section, exceedance_tile
-from trackfg.report.flatten import leaves
 from trackfg.report.geometry_charts import chainage_axis, channels, geometry_strips
 from trackfg.report.kilometrage_section import kilometrage_sections
 from trackfg.report.motion_charts import SHADES, PathMark, error_strips, motion_strips, path_map
@@ -45,6 +44,7 @@ from trackfg.report.sections.quality import quality_section
 from trackfg.report.sections.strip_places import place_rows
 from trackfg.report.sections.summary import measured_elsewhere, measured_table, sensor_facts, summary_section
 from trackfg.report.truth import Against
+from trackfg.results.flatten import leaves
 from trackfg.results.official_places import KM_COLUMN, with_km
 from trackfg.results.result import Result
 
