@@ -3,11 +3,11 @@
 The bias that an inertial factor sees is that of its interval: the sensor's own, which walks, and what scale factors,
 axes that are not quite square and a gyro that feels accelerations add at the interval's mean rate w and mean specific
 force f. An accelerometer whose response is not quite linear turns vibration along an axis, of power P, into a bias.
-The gyro feels the Earth turn about the horizontal axes of n, by e (2,) more than is modelled, and in body axes that
-changes with the heading. With the shared calibration c made of A (3, 2), W (3, 3) and G (3, 2), row by row, the
-rectification k (3,), and e,
+The Earth turns about the horizontal axes of n by e (2,) more than is modelled. The gyro feels that, and the
+accelerometer its Coriolis acceleration at the velocity v in n; in body axes both change with the heading. With the
+shared calibration c made of A (3, 2), W (3, 3) and G (3, 2), row by row, the rectification k (3,), and e,
 
-    accelerometer:  own + A (f_x, f_y) + k P, axis by axis
+    accelerometer:  own + A (f_x, f_y) + k P, axis by axis, + 2 R_nb' ((e_x, e_y, 0) x v)
     gyro:           own + W w + G (f_x, f_y) + R_nb' (e_x, e_y, 0).
 
 What the sensor feels of gravity along z hardly changes, nor what it does of the Earth about the vertical: it is a bias.
@@ -22,6 +22,7 @@ from trackfg.factors.family import Family, in_kernel, linear_rows
 from trackfg.factors.linear import Slot
 from trackfg.factors.states import Kind
 from trackfg.numerics.arrays import Array
+from trackfg.numerics.rotations import skew
 
 OF_ACCELEROMETER, OF_GYRO = slice(0, 6), slice(6, 21)
 """What the accelerometer adds (A) and what the gyro does (W and G), in the calibration."""
@@ -36,11 +37,11 @@ EARTH = slice(24, 26)
 """The Earth's rate e in the calibration."""
 
 
-def response_terms(force: Array, rate: Array, power: Array, attitude: Array) -> Array:
+def response_terms(force: Array, rate: Array, power: Array, attitude: Array, velocity: Array) -> Array:
     """Return the derivative (m, 6, dim) of the added bias by the calibration.
 
-    It is that for mean forces and rates (m, 3), for the power of the vibration along each axis (m, 3), (m/s^2)^2, and
-    for attitudes ``R_nb`` (m, 3, 3).
+    It is that for mean forces and rates (m, 3), for the power of the vibration along each axis (m, 3), (m/s^2)^2, for
+    attitudes ``R_nb`` (m, 3, 3), and for velocities in n (m, 3).
     """
     out = np.zeros((len(rate), 6, Kind.IMU.dim))
     for axis in range(3):
@@ -48,7 +49,9 @@ def response_terms(force: Array, rate: Array, power: Array, attitude: Array) -> 
         out[:, 3 + axis, 6 + 3 * axis : 9 + 3 * axis] = rate
         out[:, 3 + axis, 15 + 2 * axis : 17 + 2 * axis] = force[:, :2]
         out[:, axis, RECTIFICATION.start + axis] = power[:, axis]
-    out[:, 3:, EARTH] = np.swapaxes(attitude, 1, 2)[:, :, :2]
+    in_body = np.swapaxes(attitude, 1, 2)
+    out[:, 3:, EARTH] = in_body[:, :, :2]
+    out[:, :3, EARTH] = -2.0 * (in_body @ skew(velocity))[:, :, :2]
     return out
 
 

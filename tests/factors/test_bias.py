@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from trackfg.factors.bias import bias_walk, response_sigmas, response_terms
+from trackfg.factors.bias import EARTH, bias_walk, response_sigmas, response_terms
 from trackfg.factors.family import Family
 from trackfg.factors.states import Kind, Nav, Odo, States
 from trackfg.numerics.rotations import so3_exp
@@ -15,6 +15,7 @@ FORCE = RNG.normal([0.3, -0.5, 9.8], 0.5, (N, 3))
 RATE = RNG.normal(0.0, 0.1, (N, 3))
 POWER = RNG.uniform(0.0, 4.0, (N, 3))
 ATTITUDE = so3_exp(RNG.normal(size=(N, 3)))
+VELOCITY = RNG.normal(0.0, 30.0, (N, 3))
 
 
 def calibration(A: np.ndarray, W: np.ndarray, G: np.ndarray, k: np.ndarray, e: np.ndarray) -> np.ndarray:
@@ -27,14 +28,15 @@ def states(bias: np.ndarray, imu: np.ndarray) -> States:
 
 
 def walk() -> Family:
-    change = np.diff(response_terms(FORCE, RATE, POWER, ATTITUDE), axis=0)
+    change = np.diff(response_terms(FORCE, RATE, POWER, ATTITUDE, VELOCITY), axis=0)
     return bias_walk(np.arange(N - 1), change, np.ones((N - 1, 6)))
 
 
 def test_a_constant_bias_of_a_scaled_and_misaligned_sensor_costs_nothing() -> None:
     A, W, G, k = RNG.normal(size=(3, 2)), RNG.normal(size=(3, 3)), RNG.normal(size=(3, 2)), RNG.normal(size=3)
     own, e = RNG.normal(size=6), RNG.normal(size=2)
-    accel = own[:3] + FORCE[:, :2] @ A.T + k * POWER
+    coriolis = np.einsum("nji,nj->ni", ATTITUDE, 2.0 * np.cross(np.append(e, 0.0), VELOCITY))
+    accel = own[:3] + FORCE[:, :2] @ A.T + k * POWER + coriolis
     earth = np.einsum("nji,j->ni", ATTITUDE, np.append(e, 0.0))
     seen = np.concatenate([accel, own[3:] + RATE @ W.T + FORCE[:, :2] @ G.T + earth], axis=1)
     family = walk()
@@ -58,7 +60,8 @@ def test_scale_factors_are_on_the_diagonal_and_gravity_on_z_is_a_bias() -> None:
     assert sigma.shape == (Kind.IMU.dim,)
 
     def spread(force: list[float], rate: list[float], power: list[float]) -> np.ndarray:
-        terms = response_terms(np.array([force]), np.array([rate]), np.array([power]), np.eye(3)[None])[0]
+        motion = (np.array([force]), np.array([rate]), np.array([power]))
+        terms = response_terms(*motion, np.eye(3)[None], np.zeros((1, 3)))[0]
         earth = [0.0, 0.0, 0.0, turning, turning, 0.0]  # about the level axes of a level body
         return np.sqrt((terms**2) @ sigma**2 - np.square(earth))
 
@@ -71,3 +74,11 @@ def test_scale_factors_are_on_the_diagonal_and_gravity_on_z_is_a_bias() -> None:
     )
     np.testing.assert_allclose(spread([0, 0, 0], [0, 0, 0], [0, 2, 0]), [0, 2 * rectified, 0, 0, 0, 0], atol=1e-12)
     assert not spread([0, 0, 9.8], [0, 0, 0], [0, 0, 0]).any()
+
+
+def test_a_train_to_the_east_is_lighter_where_the_earth_turns_about_the_north() -> None:
+    """Eotvos: at 30 m/s and 6e-5 rad/s it is 3.6e-3 m/s^2, upwards on the train that the accelerometer pushes less."""
+    terms = response_terms(*np.zeros((3, 1, 3)), np.eye(3)[None], np.array([[30.0, 0.0, 0.0]]))[0]
+    calibration_of_earth = np.zeros(Kind.IMU.dim)
+    calibration_of_earth[EARTH] = [0.0, 6e-5]
+    np.testing.assert_allclose(terms @ calibration_of_earth, [0.0, 0.0, -3.6e-3, 0.0, 6e-5, 0.0], atol=1e-18)

@@ -89,7 +89,7 @@ def response_of_motion(nav: Nav, t: Array, gravity: float, response: Array) -> A
     middle = nav.R[:-1] @ so3_exp(0.5 * turn)
     force = np.einsum("mji,mj->mi", middle, np.diff(nav.v, axis=0) / dt + [0.0, 0.0, gravity])
     power = np.diagonal(response[:-1, :3, RECTIFICATION], axis1=1, axis2=2)
-    terms = response_terms(force, turn / dt, power, middle)
+    terms = response_terms(force, turn / dt, power, middle, 0.5 * (nav.v[1:] + nav.v[:-1]))
     return np.concatenate([terms, np.zeros((1, *terms.shape[1:]))])
 
 

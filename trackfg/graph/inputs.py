@@ -161,7 +161,8 @@ class GraphInputs(Outlined):
     def response(self) -> Array:
         """The derivative of the bias from each keyframe on by the IMU's calibration (n, 6, dim); 0 at the last."""
         middle = 0.5 * (self.t[1:] + self.t[:-1])
-        terms = response_terms(self.mean_accel, self.mean_rate, self.vibration, self.path.attitude(middle))
+        attitude, velocity = self.path.attitude(middle), self.path.velocity(middle)
+        terms = response_terms(self.mean_accel, self.mean_rate, self.vibration, attitude, velocity)
         return np.concatenate([terms, np.zeros((1, *terms.shape[1:]))])
 
     def with_rows(self, recording: Recording, wheel: Wheel | None) -> GraphInputs:

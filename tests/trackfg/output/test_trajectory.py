@@ -194,7 +194,7 @@ def test_calibration_interpolates_values_and_variances(
     states: States, gyro: np.ndarray, covariance: Covariance
 ) -> None:
     half = replace(at_keyframes(states, gyro), fraction=np.append(np.full(N - 1, 0.5), 1.0))
-    response = response_terms(*np.random.default_rng(8).normal(size=(3, N, 3)), states.nav.R)
+    response = response_terms(*np.random.default_rng(8).normal(size=(3, N, 3)), states.nav.R, states.nav.v)
     response[-1] = 0.0
     found = replace(states, imu=1e-3 * np.random.default_rng(9).normal(size=(1, Kind.IMU.dim)))
     table = calibration_table(response, half, found, covariance)
