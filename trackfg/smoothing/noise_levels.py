@@ -11,6 +11,8 @@ al., Bayesian Data Analysis, ch. 2). The less the rest of the graph checks a gro
 The inertial sensors' level is first that of the intervals nearby (shocks, a bridge, a stretch of bad track), then, of
 the intervals that are left, that of the run; other groups, and the walks of the biases, have one for the run. Biases
 that walk faster than declared are what a sensor that warms up shows, or one that rectifies vibration in its own way.
+Residuals show a gyro's walk well, and an accelerometer's, which makes gradients wrong, hardly. Both are of one grade:
+where the gyro's level is above 1, it is what is expected of the other.
 
 No level is below 1, and what was raised comes down again once something else explains the residuals. Sensors that are
 better than declared, or wheels, show too little of it in one run: the sum of their small errors, which is what matters,
@@ -19,6 +21,7 @@ is hardly seen in residuals.
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -38,6 +41,10 @@ from trackfg.solver.variance_components import GROUPS, Residuals, group_residual
 
 _AGREEING = 10.0
 """Residuals that agree with what is assumed, as many as a group's prior is worth: n above."""
+
+_ALIKE_IN_KIND = 2.0
+"""The same n for the walk of the accelerometer's bias about the level of the gyro's: with it the two levels differ by a
+factor of e^(1/2), 1 sigma. A sensor of a few euros (MPU-6050) has 5 and 10, held against the defaults."""
 
 _BY_CHANCE = float(ndtr(-3.0))
 """Probability of squares as large as those of a level above 1, were it 1: that of a normal value beyond 3 sigmas."""
@@ -91,8 +98,9 @@ def noise_levels(run: SolvedRun) -> Reassessment:
         if name in residuals:
             adapted = _with_level(run, adapted, kind, slice(None), residuals[name])
     if walk is not None:
-        for columns in _WALKS.values():
-            adapted = _with_level(run, adapted, FactorType.BIAS_WALK, columns, walk)
+        adapted = _with_level(run, adapted, FactorType.BIAS_WALK, _WALKS["gyro_walk"], walk)
+        grade = levels(run.declared, adapted)["gyro_walk"]
+        adapted = _with_level(run, adapted, FactorType.BIAS_WALK, _WALKS["accel_walk"], walk, grade)
     return Reassessment(adapted, _findings(replace(run, problem=adapted)), changed=adapted is not problem)
 
 
@@ -120,6 +128,11 @@ def _levels(squares: Array | float, redundancy: Array | float, tests: float = 1.
     variance = (_AGREEING + squares) / (_AGREEING + degrees)
     significant = exceeds_chance(squares / degrees, degrees, _BY_CHANCE / tests) & (variance > _RAISED**2)
     return np.asarray(np.where(significant, np.sqrt(variance), 1.0))
+
+
+def _level_like(other: float, squares: float, redundancy: float) -> float:
+    """Return f of residuals in declared sigmas, of which ``other`` > 1 of the same sensor is; at least 1."""
+    return max(1.0, math.sqrt((_ALIKE_IN_KIND * other**2 + squares) / (_ALIKE_IN_KIND + redundancy)))
 
 
 def _with_inertial_levels(run: SolvedRun, residuals: dict[str, Residuals]) -> Problem:
@@ -157,10 +170,13 @@ def _over_time(group: Residuals, level: Array) -> Array:
     return found
 
 
-def _with_level(run: SolvedRun, problem: Problem, kind: FactorType, columns: slice, group: Residuals) -> Problem:
+def _with_level(
+    run: SolvedRun, problem: Problem, kind: FactorType, columns: slice, group: Residuals, other: float = 1.0
+) -> Problem:
     """Return the problem with some columns of a family's sigmas at the level that its residuals show.
 
-    Sigmas that are not a multiple of the declared ones have been changed by others, and only rise.
+    Sigmas that are not a multiple of the declared ones have been changed by others, and only rise. ``other`` is the
+    level of the same sensor's other group, which tells its grade.
     """
     family, first = problem.family(kind), run.declared.family(kind)
     assert family is not None
@@ -170,7 +186,9 @@ def _with_level(run: SolvedRun, problem: Problem, kind: FactorType, columns: sli
         level, ours = float(ratio.flat[0]), bool(np.ptp(ratio) < _ALIKE * ratio.flat[0])
     level = level if ours else 1.0
     squares, redundancy = (float(np.sum(part[:, columns])) for part in (group.values**2, group.redundancy))
-    factor = float(_levels(squares * level**2, redundancy)) / level
+    squares *= level**2
+    seen = float(_levels(squares, redundancy)) if other == 1.0 else _level_like(other, squares, redundancy)
+    factor = seen / level
     if abs(np.log(factor)) < np.log(_RAISED):
         return problem
 

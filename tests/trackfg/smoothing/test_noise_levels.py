@@ -14,7 +14,7 @@ from scipy.special import chdtri, ndtr
 from trackfg.config import NoiseConfig, SmoothConfig
 from trackfg.datasets.scenarios import Simulation
 from trackfg.factors.factor_type import FactorType
-from trackfg.factors.family import changed
+from trackfg.factors.family import Family, changed
 from trackfg.recording.model import IMU_COLUMNS
 from trackfg.smoothing.noise_levels import _levels, _over_time, levels, noise_levels
 from trackfg.smoothing.reassessment import SolvedRun
@@ -54,6 +54,25 @@ def test_a_stretch_of_bad_samples_has_a_level_of_its_own(simulated: Callable[...
     assert "noise-level-raised" in [f.code for f in found.findings if "accelerometer" in f.message]
     error, before = (roll_over_sigma(run, recording, config) for config in (SmoothConfig(), FIXED))
     assert error < 0.5 * before
+
+
+def test_a_walk_that_hardly_shows_is_as_much_faster_as_that_of_the_other_triad(
+    smoothed: Callable[..., SmoothedStates],
+) -> None:
+    """Of a gyro whose bias walks far more than declared residuals tell; the accelerometer beside it is no better."""
+    run = smoothed("mainline", seed=3, duration_s=DURATION_S)
+
+    def slow(walk: Family) -> Family:
+        sigma = walk.sigma.copy()
+        sigma[:, 3:] /= 30.0
+        return replace(walk, sigma=sigma)
+
+    families = changed(run.problem.families, FactorType.BIAS_WALK, slow)
+    problem = replace(run.problem, families=families)
+    optimist: SolvedRun = replace(run, problem=problem, declared=problem)
+    seen = levels(problem, noise_levels(optimist).problem)
+    assert seen["gyro_walk"] > 3.0
+    assert seen["gyro_walk"] / 3.0 < seen["accel_walk"] < 3.0 * seen["gyro_walk"]
 
 
 def roll_over_sigma(run: Simulation, recording: Any, config: SmoothConfig) -> float:
