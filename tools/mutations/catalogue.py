@@ -148,6 +148,7 @@ _FACTORS = (
                 "residual = second - first + np",
                 ("(-same, same, -change)", "(-same, same, change)"),
             ),
+            _one("the Coriolis force is mirrored", "-2.0 * (in_body", "2.0 * (in_body"),
             _one(
                 "g-sensitivity and gyro scale change places",
                 "6 + 3 * axis : 9 + 3 * axis] = rate",
@@ -603,6 +604,19 @@ _SENSORS = (
                 "significant, np.sqrt(variance), 1.0",
                 "significant, np.sqrt(variance), 0.5",
             ),
+            _one(
+                "the gyro's walk says nothing of the accelerometer's",
+                '_WALKS["accel_walk"], walk, grade)',
+                '_WALKS["accel_walk"], walk)',
+            ),
+        ),
+    ),
+    Part(
+        "trackfg/sensors/gnss_clock.py",
+        ("tests/trackfg/sensors/test_gnss_clock.py",),
+        (
+            _one("the antenna is on the other side", "path + complex(forward, left)", "path - complex(forward, left)"),
+            _one("an antenna is where none is declared", "if is_declared(part):", "if True:"),
         ),
     ),
     Part(
