@@ -45,7 +45,7 @@ def findings(
     if isinstance(imu, Imu) and imu_table is not None:
         rate = _imu_interval(imu, imu_table, limits)
         found += rate
-        found += _gravity(imu, imu_table, toml, limits)
+        found += gravity_findings(imu, imu_table, toml, limits)
         if not rate:
             if tach_table is not None and (tach_motion := averaged(imu_table, tach_table, _STEP_S)) is not None:
                 found += _gyro_unit(imu, tach_motion, limits)
@@ -117,8 +117,8 @@ def _imu_interval(imu: Imu, table: pd.DataFrame, limits: CheckLimits) -> list[Fi
     return [Finding("error", "time-unit", message, file=imu.file, column=imu.time, expected=expected, hint=hint)]
 
 
-def _gravity(imu: Imu, table: pd.DataFrame, toml: str, limits: CheckLimits) -> list[Finding]:
-    """Magnitude, then direction, of the median specific force."""
+def gravity_findings(imu: Imu, table: pd.DataFrame, toml: str, limits: CheckLimits) -> list[Finding]:
+    """Return what is wrong with the magnitude, or else with the direction, of the median specific force."""
     force = diagnosis_axes.mean_specific_force(table)
     magnitude = float(np.linalg.norm(force))
     g = STANDARD_GRAVITY

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json as json_text
+import shutil
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -168,6 +169,7 @@ def _into_folder(
     from trackfg.files.owned_folder import refuse_used, sole_writer
     from trackfg.streaming.checkpoint.checkpoint import EVERY_S, Checkpoint, Checkpoints
     from trackfg.streaming.sinks.parquet_parts import NOTHING_WRITTEN, ParquetParts
+    from trackfg.streaming.sinks.sink import TABLES
 
     out, every_s = Path(options.out), EVERY_S if options.checkpoint_every is None else options.checkpoint_every
     checkpoints = Checkpoints(out / _CHECKPOINT, every_s=every_s)
@@ -191,7 +193,14 @@ def _into_folder(
     with sole_writer(out):
         refuse_used(out, _NEVER_ADDED)  # by another process meanwhile
         checkpoints.write(Checkpoint(stream.settings, NOTHING_WRITTEN))
-        return stream.run(ParquetParts(out), checkpoints, watch)
+        try:
+            return stream.run(ParquetParts(out), checkpoints, watch)
+        except BadInputError:
+            if not stream.counts.keyframes:  # nothing was estimated: the corrected stream can begin in the same folder
+                checkpoints.path.unlink()
+                for table in TABLES:
+                    shutil.rmtree(out / table, ignore_errors=True)
+            raise
 
 
 def _place(saved: Checkpoint, stream: Stream) -> str:

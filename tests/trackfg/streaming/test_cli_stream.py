@@ -70,6 +70,19 @@ def test_rows_in_random_order_are_dropped_with_a_warning() -> None:
     assert f" of {len(rows)} rows were dropped" in " ".join(done.stderr.split())
 
 
+def test_rows_in_wrong_units_end_a_stream_that_begins_in_the_same_folder_once_corrected(tmp_path: Path) -> None:
+    description, rows = json_lines(13.0)
+    command = [*TRACKFG, "-", "--lag", "5", "-o", tmp_path / "out"]
+    wrong = json.loads(description)
+    wrong["description"]["imu"]["accel_unit"] = "g"
+    refused = subprocess.run(command, input="\n".join([json.dumps(wrong), *rows]), capture_output=True, text=True)
+    assert refused.returncode == 2
+    assert 'Hint: the data look like m/s^2: set imu.accel_unit = "m/s^2"' in " ".join(refused.stderr.split())
+    assert not list((tmp_path / "out").iterdir())
+    subprocess.run(command, input="\n".join([description, *rows]), text=True, check=True)
+    assert len(read_parts(tmp_path / "out", "filtered"))
+
+
 def test_json_lines_in_and_out(recording: Path) -> None:
     description, keyed = json_lines(30.0)
     lines = [description, *keyed]

@@ -1,6 +1,6 @@
 """The intake turns batches as a source gives them into sound, canonical rows in the order of time, and events.
 
-    timestamps -> reorder buffer -> faults of the IMU -> conversion -> row checks -> clock jumps
+    timestamps -> reorder buffer -> faults of the IMU -> conversion -> gravity, row checks -> clock jumps
 
 :meth:`Intake.state` is everything that carries over from one batch to the next: an intake restored from it and given
 the batches that followed gives the same rows and events, bit by bit, as one that was never interrupted.
@@ -22,6 +22,7 @@ from trackfg.streaming.checkpoint.snapshot import Snapshot, dump, load_attribute
 from trackfg.streaming.events import LossReport, motion_breaks
 from trackfg.streaming.intake.clock_jumps import ClockJumps
 from trackfg.streaming.intake.conversion import Conversion
+from trackfg.streaming.intake.gravity_check import GravityCheck
 from trackfg.streaming.intake.imu_clock import ClockLimits
 from trackfg.streaming.intake.reorder_buffer import ReorderBuffer
 from trackfg.streaming.intake.row_checks import RowChecks
@@ -32,7 +33,7 @@ from trackfg.streaming.sources.source import Batch, Source
 
 @dataclass
 class Intake:
-    """The stages between a source and the estimator. Where the source's rows are canonical, two are left out.
+    """The stages between a source and the estimator. Where the source's rows are canonical, three are left out.
 
     ``rows_in`` and ``rows_out`` count rows; what is lost is in the ``report``.
     """
@@ -41,6 +42,7 @@ class Intake:
     reorder_buffer: ReorderBuffer
     timestamps: Timestamps | None
     conversion: Conversion | None
+    gravity_check: GravityCheck | None
     imu_faults: ImuFaultDetector
     row_checks: RowChecks
     clock_jumps: ClockJumps
@@ -66,6 +68,7 @@ class Intake:
             reorder_buffer=ReorderBuffer.of(described_tables(description), limits),
             timestamps=None if canonical else Timestamps.of(description),
             conversion=None if canonical else Conversion(description),
+            gravity_check=None if canonical else GravityCheck(checks),
             imu_faults=ImuFaultDetector.of(description.imu, checks, is_canonical=canonical),
             row_checks=RowChecks.of(description, checks),
             clock_jumps=ClockJumps.of(description),
@@ -84,7 +87,11 @@ class Intake:
         )
 
     def push(self, batch: Batch) -> tuple[Rows, tuple[Event, ...]]:
-        """Return the rows that are complete after a batch, and the events."""
+        """Return the rows that are complete after a batch, and the events.
+
+        Raises :class:`~trackfg.errors.BadInputError` where the IMU's first rows do not show gravity where the
+        description says.
+        """
         self.rows_in += sum(rows.shape[0] for rows in batch.tables.values())
         for event in batch.events:
             self.report.note(event)
@@ -120,6 +127,8 @@ class Intake:
         if self.conversion is not None:
             tables = self.conversion.converted(tables, self.report)
             self.gnss_origin = self.conversion.gnss_origin
+        if self.gravity_check is not None and "imu" in tables:
+            self.gravity_check.take(tables["imu"], self.description.imu)
         return Rows.of(self.row_checks.sound(tables, self.report), until_s, self.gnss_origin)
 
     def _measurements(self, rows: Array) -> Array:

@@ -39,6 +39,7 @@ def spoilt_lines(seed: int) -> bytes:
     for t in np.arange(0.0, 40.0, 0.05).round(6).tolist():
         row: dict[str, Any] = {"table": "imu", "t": t - (12.0 if t > 25.0 else 0.0)}
         row |= dict(zip(("wx", "wy", "wz", "fx", "fy", "fz"), rng.standard_normal(6).tolist(), strict=True))
+        row["fz"] += 9.8
         fault = rng.integers(0, 60)
         if fault == 0:
             row["wx"] = None
