@@ -112,6 +112,13 @@ def stream(options: StreamOptions) -> None:
             "estimates are of little worth. Hint: the table events says why; rows of a table have to come nearly in "
             "the order of their times"
         )
+    for loss in counts.losses():
+        complain(f"trackfg: warning: {loss}")
+    if not counts.keyframes:
+        complain(
+            "trackfg: warning: no estimates: expected more than 10 s in which the IMU and the tach, or the IMU and "
+            "GNSS, have rows"
+        )
     for doubt in counts.doubts:
         complain(f"trackfg: warning: {doubt}")
 

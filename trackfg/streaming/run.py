@@ -27,15 +27,21 @@ from trackfg.streaming.back_pressure import BackPressure
 from trackfg.streaming.checkpoint.checkpoint import Checkpoint, Checkpoints
 from trackfg.streaming.events import event_table
 from trackfg.streaming.fixed_lag import NO_ESTIMATES, Estimates, FixedLagSmoother
+from trackfg.streaming.intake.imu_clock import ClockLimits
 from trackfg.streaming.intake.intake import Intake
 from trackfg.streaming.sinks.sink import Sink
 from trackfg.streaming.sources.source import Source
+
+_MANY_UNREADABLE = 0.01
+"""A larger share of the input is a fault of the sender, not of a line here and there."""
 
 
 @dataclass
 class StreamCounts:
     """Rows taken from the source and passed on to the smoother, keyframes estimated, events by kind.
 
+    ``by_table``: rows taken; ``left_out``: rows of each table that were not passed on, by kind of event;
+    ``unreadable``: lines or messages that were no row. These are counted since the last start.
     ``doubts``: the quantities whose sigmas are too small, as found at the end of the stream.
     """
 
@@ -44,6 +50,28 @@ class StreamCounts:
     keyframes: int = 0
     events: Counter[str] = field(default_factory=Counter)
     doubts: tuple[str, ...] = ()
+    by_table: Counter[str] = field(default_factory=Counter)
+    left_out: dict[str, Counter[str]] = field(default_factory=dict)
+    unreadable: int = 0
+    first_unreadable: str = ""
+
+    def losses(self) -> list[str]:
+        """Return a sentence for each table that lost more than half of its rows, and one if many were no rows at all.
+
+        A row that came again is no loss.
+        """
+        said = []
+        if self.unreadable > _MANY_UNREADABLE * (came := self.unreadable + self.rows_in):
+            said.append(f"{self.unreadable} of {came} rows could not be read; the first: {self.first_unreadable}")
+        for table, kinds in self.left_out.items():
+            lost = Counter({kind: number for kind, number in kinds.items() if kind != "duplicate"})
+            if 2 * lost.total() > (came := self.by_table[table]) > 0:
+                why = ", ".join(f"{number} {kind}" for kind, number in lost.most_common())
+                hint = "the table events says what was expected"
+                if lost.most_common(1)[0][0] == "late":
+                    hint = f"a row may come {ClockLimits().hold_s:g} s after the IMU's of its time, not later"
+                said.append(f"{table}: {lost.total()} of {came} rows were left out ({why}). Hint: {hint}")
+        return said
 
 
 @dataclass(frozen=True)
@@ -123,6 +151,7 @@ class Stream:
         pace, done = BackPressure(self.smoother.keyframe_spacing), self.clock()
         for batch in self.source:
             begun = self.clock()
+            self.counts.by_table.update({table: len(rows) for table, rows in batch.tables.items()})
             rows, events = self.intake.push(batch)
             estimates = self.smoother.put(rows)
             events = self._write(sink, estimates, events)
@@ -175,6 +204,13 @@ class Stream:
         counts.keyframes += len(estimates.filtered)
         counts.events.update(event.kind for event in events)
         counts.doubts += tuple(event.detail for event in events if event.kind == DOUBT)
+        for event in events:
+            if event.rows and event.table:
+                counts.left_out.setdefault(event.table, Counter())[event.kind] += event.rows
+            elif event.rows:
+                counts.unreadable += event.rows
+                more = " (" if event.rows > 1 else None  # how many such there were in one batch
+                counts.first_unreadable = counts.first_unreadable or event.detail.rsplit(more, 1)[0]
         return events
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+from collections import Counter
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,7 @@ import pytest
 
 from trackfg.datasets.scenarios import simulate
 from trackfg.results.columns import GEOMETRY_COLUMNS, TRAJECTORY_COLUMNS
+from trackfg.streaming.run import StreamCounts
 from trackfg.streaming.sinks.parquet_parts import read_parts
 
 TRACKFG = [sys.executable, "-m", "trackfg", "stream"]
@@ -81,6 +83,37 @@ def test_rows_in_wrong_units_end_a_stream_that_begins_in_the_same_folder_once_co
     assert not list((tmp_path / "out").iterdir())
     subprocess.run(command, input="\n".join([description, *rows]), text=True, check=True)
     assert len(read_parts(tmp_path / "out", "filtered"))
+
+
+def test_a_table_that_is_late_and_a_stream_without_estimates_are_warnings() -> None:
+    description, rows = json_lines(12.0)
+    late = sorted(rows, key=lambda row: json.loads(row)["t"] + ('"tach"' in row))
+    done = subprocess.run(
+        [*TRACKFG, "-", "-o", "-"], input="\n".join([description, *late]), capture_output=True, text=True, check=True
+    )
+    said = done.stderr.splitlines()[1:]
+    count = sum('"tach"' in row for row in rows)
+    assert said[0].startswith("trackfg: warning: tach: ")
+    assert f" of {count} rows were left out (" in said[0]
+    assert said[0].endswith(" late). Hint: a row may come 0.2 s after the IMU's of its time, not later")
+    assert said[1].startswith("trackfg: warning: no estimates: ")
+
+
+def test_losses_name_tables_and_what_could_not_be_read() -> None:
+    counts = StreamCounts(rows_in=300, by_table=Counter(imu=100, tach=100, gnss=100))
+    counts.left_out = {
+        "imu": Counter(duplicate=60),
+        "tach": Counter({"late": 50}),
+        "gnss": Counter({"bad-sigma": 99, "late": 1}),
+        "camera": Counter({"other-topic": 7}),
+    }
+    assert counts.losses() == [
+        "gnss: 100 of 100 rows were left out (99 bad-sigma, 1 late). Hint: the table events says what was expected"
+    ]
+    counts.unreadable, counts.first_unreadable = 3, "line 2: is no object"
+    assert len(counts.losses()) == 1
+    counts.unreadable = 4
+    assert counts.losses()[0] == "4 of 304 rows could not be read; the first: line 2: is no object"
 
 
 def test_json_lines_in_and_out(recording: Path) -> None:
