@@ -57,4 +57,4 @@ def with_balise_ties(problem: Problem, recording: Recording, config: PositionCon
     sensor = problem.initial.sensor
     family = balise_passage(keyframe, carried, balise, len(sensor), sigma[:, None], loss)
     initial = replace(problem.initial, sensor=np.concatenate([sensor, places]))
-    return replace(problem.with_family(family), initial=initial)
+    return replace(problem, initial=initial).with_family(family)

@@ -126,7 +126,16 @@ class Problem(KeyFigures):
         return family_of(self.families, kind)
 
     def with_family(self, family: Family) -> Problem:
-        """Return the problem with one more family of factors, besides any of the same type."""
+        """Return the problem with one more family of factors, besides any of the same type.
+
+        Raises ``IndexError`` where the family touches variables that the problem does not have.
+        """
+        for slot in family.slots:
+            count, index = len(self.initial.of(slot.kind)), np.asarray(slot.index)
+            if index.size and not (index.dtype.kind in "iu" and index.min() >= 0 and index.max() < count):
+                numbers = f"whole numbers from 0 to {count - 1}" if count else "no factor of that kind"
+                given = f"{index.min()} to {index.max()}"
+                raise IndexError(f"{family.name}: touches {slot.kind.name} {given}; expected {numbers}")
         return replace(self, families=(*self.families, family))
 
     def to_gtsam(self, states: States | None = None) -> GtsamProblem:

@@ -211,6 +211,19 @@ def test_a_family_more_shifts_our_minimum_likewise(plain: tuple[Problem, Solutio
     assert found.states.odo.distance[k] - D[k] == pytest.approx(expected, rel=0.02)
 
 
+@pytest.mark.parametrize("index", [-1, 10_000, 20.0])
+def test_a_family_on_keyframes_that_are_not_there_is_refused(plain: tuple[Problem, Solution], index: float) -> None:
+    problem, _ = plain
+    one = landmark(np.array([index]), np.array([0.0]), np.array([5.0]), np.array([[0.1]]), None)
+    with pytest.raises(
+        IndexError, match=f"landmark: touches ODO .*; expected whole numbers from 0 to {len(problem.t) - 1}"
+    ):
+        problem.with_family(one)
+    last = np.array([len(problem.t) - 1])  # a landmark lies between a keyframe and the next
+    with pytest.raises(IndexError):
+        problem.with_family(landmark(last, np.array([0.0]), np.array([5.0]), np.array([[0.1]]), None))
+
+
 def test_keys_say_what_they_stand_for(plain: tuple[Problem, Solution]) -> None:
     problem, _ = plain
     export = problem.to_gtsam()
