@@ -37,6 +37,9 @@ _BEFORE_S = 0.5
 _MOVED_M = 1.0
 """A wheel that has not turned over a longer distance is silent, m."""
 
+_SILENT_S = 5.0
+"""A tach whose rows end so long before those of the IMU was silent, s; a logger may end one file before another."""
+
 _EITHER = {"fix used": "fix", "fix set aside": "fix", "landmark used": "landmark", "landmark set aside": "landmark"}
 """Kinds that exclude each other, by what they are of."""
 
@@ -68,7 +71,7 @@ class SettledEvents:
     def emit(self, inputs: EventInput, settled_s: float, *, at_end: bool) -> tuple[Event, ...]:
         """Return the events that are over before ``settled_s``; at the end of the stream all that are left."""
         sources, run, motion, states, covariance = inputs
-        sources = self._unemitted(sources)
+        sources = self._unemitted(_silent_to_the_end(sources, states) if at_end else sources)
         first, last = np.ceil(self.needed_since_s / _STEP_S - 1e-6), np.floor(settled_s / _STEP_S + 1e-6)
         clock = np.arange(first, last + 1.0) * _STEP_S
         trajectory = trajectory_table(run, motion.at(clock), states, covariance)
@@ -108,6 +111,19 @@ class SettledEvents:
 
 def _thing(event: Event) -> str:
     return _EITHER.get(event.kind, event.kind)
+
+
+def _silent_to_the_end(sources: EventSources, states: States) -> EventSources:
+    """Return sources of a whole stream with a gap of a tach that had no more rows although the vehicle moved on."""
+    wheel = sources.wheel
+    if wheel is None:
+        return sources
+    last, end, distance = float(wheel.t[-1]), float(sources.t[-1]), states.odo.distance
+    moved = abs(distance[-1] - np.interp(last, sources.t, distance)) > _MOVED_M
+    if not moved or end - last < _SILENT_S:
+        return sources
+    since = max(last, float(sources.t[0]))  # older keyframes, and where they were, are forgotten
+    return replace(sources, wheel=replace(wheel, gaps=np.concatenate([wheel.gaps, [[since, end]]])))
 
 
 def _turned_s(sources: EventSources, states: States) -> float:

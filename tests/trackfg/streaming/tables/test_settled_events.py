@@ -95,6 +95,14 @@ def test_holes_are_told(stream: Callable[..., Any]) -> None:
     assert events.loc["tach gap", ["start_s", "end_s"]].tolist() == pytest.approx([80.0, 95.0], abs=0.05)
 
 
+def test_a_tach_that_falls_silent_for_good_is_a_gap_up_to_the_end(stream: Callable[..., Any]) -> None:
+    recording = simulate("mainline", seed=0, duration_s=100.0).recording
+    dead, ends_earlier = (stream(drop_tach(recording, since, 100.1), lag_s=8.0).events for since in (70.0, 97.0))
+    ((gap_s, gap_until_s),) = [(event.t_s, event.until_s) for event in dead if event.kind == "tach gap"]
+    assert (gap_s, gap_until_s) == pytest.approx((70.0, 100.0), abs=0.05)
+    assert "tach gap" not in {event.kind for event in ends_earlier}
+
+
 def test_fixes_are_used_or_set_aside(stream: Callable[..., Any]) -> None:
     recording = simulate("shunting", seed=0, duration_s=240.0).recording
     assert recording.fixes is not None
