@@ -25,8 +25,16 @@ _HEADS = {
     "comparison.json": "comparison",
     "trends.json": "folder of trends",
     "overlay.json": "overlay",
+    "baseline.json": "baseline's result",
+    "checkpoint": "stream",
 }
 """What trackfg calls the folders that hold these files."""
+_INSTEAD = {
+    "recording": "trackfg smooth makes a result of a recording",
+    "baseline's result": "trackfg compare makes pages about baselines",
+    "stream": "smooth the recording that it was made from, or read its tables",
+}
+"""What to do where another folder is expected, by kind."""
 
 
 def kind_of(folder: Path) -> str | None:
@@ -103,7 +111,7 @@ class FolderKind:
                     kind = kind_of(folder)
                     other = None if kind == self.what else kind
                     wrong = f"is a {other}" if other else f"{error.filename} is missing"
-                    hint = ". Hint: trackfg smooth makes a result of a recording" if other == "recording" else ""
+                    hint = f". Hint: {_INSTEAD[other]}" if other in _INSTEAD else ""
                     raise BadInputError(f"{folder}: {wrong}; expected a trackfg {self.what}{hint}") from error
             except OSError as error:
                 raise BadInputError(

@@ -132,7 +132,8 @@ def _kind_of(folder: Path) -> FolderKind:
         if kind.holds(folder):
             return kind
     kinds = " or ".join(f"a {kind.what} ({kind.head})" for kind in _PAGES)
-    is_a = "is a recording; " if kind_of(folder) == "recording" else ""
+    other = kind_of(folder)
+    is_a = "" if other is None or other in {kind.what for kind in _PAGES} else f"is a {other}; "
     raise BadInputError(f"{folder}: {is_a}expected a folder that trackfg wrote: {kinds}")
 
 

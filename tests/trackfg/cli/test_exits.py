@@ -113,12 +113,17 @@ def test_no_work_begins_for_a_place_under_a_file(command: str, tmp_path: Path) -
 
 
 def test_folders_of_another_kind_are_named(tmp_path: Path) -> None:
-    for name, head in (("run", "recording.toml"), ("out", "summary.json")):
+    heads = {"run": "recording.toml", "out": "summary.json", "live": "checkpoint", "base": "baseline.json"}
+    for name, head in heads.items():
         (tmp_path / name).mkdir()
         (tmp_path / name / head).write_text("{}")
     for command, what in (
         ("plot run", "run: is a recording; expected a trackfg result. Hint: trackfg smooth makes"),
         ("report run", "run: is a recording; expected a folder that trackfg wrote: a result"),
+        ("report live", "live: is a stream; expected a folder that trackfg wrote: a result"),
+        ("plot live", "live: is a stream; expected a trackfg result. Hint: smooth the recording"),
+        ("plot base", "base: is a baseline's result; expected a trackfg result. Hint: trackfg compare makes"),
+        ("smooth live -o new", "live: is a stream; expected a folder with recording.toml"),
         ("statistics run", "run: is a trackfg recording; expected a source of one of"),
         ("smooth out -o new", "out: is a result; expected a folder with recording.toml"),
     ):
