@@ -7,7 +7,7 @@ An estimator takes a recording and gives the smoother's tables, as far as it kno
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import get_args
@@ -113,10 +113,29 @@ def estimators(*, peers: bool = True) -> dict[str, Estimator]:
 
 
 def with_own(known: Mapping[str, Estimator], own: Mapping[str, Estimator]) -> dict[str, Estimator]:
-    """Return estimators and a user's own ones. Raises :class:`BadInputError` where these have the name of another."""
+    """Return estimators and a user's own ones.
+
+    Raises :class:`BadInputError` where these have the name of another or an unknown task, and ``TypeError`` for what is
+    no estimator, or, when it is run, gives no result.
+    """
     if taken := sorted(known.keys() & own.keys()):
         raise BadInputError(f"estimator {taken[0]!r}: the name is taken; expected another name for one of your own")
-    return {**known, **own}
+    for name, one in own.items():
+        if not isinstance(one, Estimator):
+            raise TypeError(f"estimator {name!r}: expected a trackfg.comparison.Estimator, not {type(one).__name__}")
+        known_tasks: tuple[str, ...] = get_args(Task)
+        if wrong := [one.tasks] if isinstance(one.tasks, str) else sorted({*one.tasks} - {*known_tasks}):
+            expected = f"expected a tuple of {', '.join(map(repr, known_tasks))}"
+            raise BadInputError(f"estimator {name!r}: tasks {wrong[0]!r}; {expected}")
+    return {**known, **{name: replace(one, run=partial(_own_result, name, one.run)) for name, one in own.items()}}
+
+
+def _own_result(name: str, run: Run, recording: Recording) -> BaselineResult:
+    result = run(recording)
+    if not isinstance(result, BaselineResult):
+        given = type(result).__name__
+        raise TypeError(f"estimator {name!r}: expected a trackfg.baselines.result.BaselineResult, not {given}")
+    return result
 
 
 def estimator(name: str, *, as_printed: bool = False) -> Run:

@@ -75,6 +75,8 @@ def cases_of(
     ------
     BadInputError
         For an unknown scenario, a recording that cannot be read, and two of one id.
+    TypeError
+        For a name in the place of a list.
 
     Examples
     --------
@@ -82,6 +84,9 @@ def cases_of(
     >>> [case.seed for case in cases_of(scenarios=["trolley"], seeds=2)]
     [0, 1]
     """
+    for given in (recordings, scenarios):
+        if isinstance(given, str | os.PathLike):
+            raise TypeError(f"cases_of takes lists of recordings and of scenarios: expected [{str(given)!r}]")
     folders = [Path(folder) for folder in recordings]
     named = dict.fromkeys(scenarios, duration_s)
     if not folders and not scenarios:

@@ -36,7 +36,7 @@ from trackfg.plots.geometry_channels import (
 from trackfg.plots.scales import common_zero, with_margin
 from trackfg.plots.sheet import BAND, BLUE, ORANGE, Panel, Sheet, SheetCurve, SheetLimit
 from trackfg.results.official_places import shown_kilometrage
-from trackfg.results.result import Result
+from trackfg.results.result import Result, expect_result
 from trackfg.results.summary import GeometryConventions
 
 STRETCHES = 2000
@@ -108,6 +108,7 @@ def plot_geometry(
     >>> trackfg.plot_geometry(trackfg.Result.read("out1"), "geometry.png", to_m=100.0).name
     'geometry.png'
     """
+    expect_result(result, "plot_geometry")
     return drawn(geometry_sheet(result, from_m, to_m, limits), path)
 
 

@@ -17,7 +17,7 @@ from trackfg.numerics.units import KMH
 from trackfg.plots.decimation import extremes
 from trackfg.plots.draw import drawn
 from trackfg.plots.sheet import AMBER, BAND, BLUE, ORANGE, RED, SPAN_NAME, Panel, Path2d, Sheet, SheetCurve
-from trackfg.results.result import Result
+from trackfg.results.result import Result, expect_result
 
 STRETCHES = 400
 """Stretches whose extremes a curve is drawn by. Chosen for the size of the picture."""
@@ -62,6 +62,7 @@ def plot_trajectory(
     >>> trackfg.plot_trajectory(trackfg.Result.read("out1"), "path.svg", title="Main line").name
     'path.svg'
     """
+    expect_result(result, "plot_trajectory")
     return drawn(sheet_of(result, reference, title or result.summary.recording_id, tuple(highlight)), path)
 
 

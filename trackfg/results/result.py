@@ -251,3 +251,10 @@ def _csv(content: bytes, types: dict[str, str]) -> pd.DataFrame:
     """Return a table of texts and of numbers, NaN where these have an empty cell."""
     empty = {name: [""] for name, kind in types.items() if kind != "str"}
     return pd.read_csv(io.BytesIO(content), dtype=types, keep_default_na=False, na_values=empty)
+
+
+def expect_result(given: object, function: str) -> None:
+    """Raise ``TypeError`` where a ``function`` is called with something else than a result, such as its folder."""
+    if not isinstance(given, Result):
+        kind = type(given).__name__
+        raise TypeError(f"{function} takes a result, as trackfg.Result.read(folder) gives, not {kind}")

@@ -140,6 +140,11 @@ class FixedLagSmoother:
         lag_s: float = 10.0,
         feature_map: FeatureMap | None = None,
     ) -> None:
+        if not isinstance(description, RecordingDescription):
+            given = type(description).__name__
+            raise TypeError(f"FixedLagSmoother takes a description, as recording.description, not {given}")
+        if config is not None and not isinstance(config, SmoothConfig):
+            raise TypeError(f"FixedLagSmoother takes settings as trackfg.smooth does, not {type(config).__name__}")
         self.config = config or SmoothConfig()
         if not lag_s >= 2.0 * self.config.keyframes.interval_s:
             raise BadInputError(

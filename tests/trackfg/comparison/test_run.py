@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -168,6 +169,26 @@ def test_an_estimator_of_ones_own_is_scored_like_the_others(tmp_path: Path) -> N
     assert comparison.about.estimators["at-rest"] == "nothing moves (this test)"
     with pytest.raises(BadInputError, match="'gyro': the name is taken"):
         compare(cases, own={"gyro": own["at-rest"]}, peers=False)
+
+
+def nothing(recording: Recording) -> None:
+    """It forgets to return what it has estimated."""
+
+
+def test_what_is_no_estimator_of_ones_own_is_said_so(tmp_path: Path) -> None:
+    simulate("trolley", seed=0, duration_s=60.0).write(tmp_path / "run")
+    cases = cases_of([tmp_path / "run"])
+    named: dict[str, Any] = {
+        "expected a trackfg.comparison.Estimator, not function": nothing,
+        "tasks 'place'; expected a tuple of 'attitude": Estimator("", "", at_rest, ("place",)),  # type: ignore[arg-type]
+        "tasks 'twist'; expected a tuple of 'attitude": Estimator("", "", at_rest, "twist"),  # type: ignore[arg-type]
+        "BaselineResult, not NoneType": Estimator("", "", nothing, ("twist",)),  # type: ignore[arg-type]
+    }
+    for said, one in named.items():
+        with pytest.raises((TypeError, BadInputError), match=f"estimator 'mine': .*{said}"):
+            compare(cases, own={"mine": one}, peers=False)
+    with pytest.raises(TypeError, match=r"expected \['run1'\]"):
+        cases_of("run1")
 
 
 def test_an_estimator_of_ones_own_predicts_what_is_withheld(tmp_path: Path) -> None:

@@ -251,6 +251,13 @@ def test_page_of_100_km_needs_no_network_and_stays_small(result: Result, tmp_pat
     assert not re.search(r"<(script|link|img)[^>]+(src|href)=", page)
 
 
+def test_a_folder_is_no_result() -> None:
+    with pytest.raises(
+        TypeError, match=r"plot_geometry takes a result, as trackfg\.Result\.read\(folder\) gives, not str"
+    ):
+        trackfg.plot_geometry("out1")  # type: ignore[arg-type]
+
+
 def test_unknown_kind_of_file(result: Result, tmp_path: Path) -> None:
     with pytest.raises(trackfg.BadInputError, match=r"\.png, \.svg or \.html"):
         trackfg.plot_geometry(result, tmp_path / "a.pdf")

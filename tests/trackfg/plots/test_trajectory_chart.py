@@ -98,6 +98,13 @@ def test_page_needs_no_network_and_stays_small(make_result: Make, tmp_path: Path
     assert not re.search(r"<(script|link|img)[^>]+(src|href)=", page)
 
 
+def test_a_folder_is_no_result() -> None:
+    with pytest.raises(
+        TypeError, match=r"plot_trajectory takes a result, as trackfg\.Result\.read\(folder\) gives, not str"
+    ):
+        plot_trajectory("out1")  # type: ignore[arg-type]
+
+
 def test_unknown_kind_of_file(result: Result, tmp_path: Path) -> None:
     with pytest.raises(trackfg.BadInputError, match=r"\.png, \.svg or \.html"):
         plot_trajectory(result, tmp_path / "a.pdf")

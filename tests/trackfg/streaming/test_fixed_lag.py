@@ -149,6 +149,13 @@ def test_a_lag_without_two_keyframes_is_refused(run: Any) -> None:
         FixedLagSmoother(run.recording.description, lag_s=1.0)
 
 
+def test_what_is_no_description_or_no_settings_is_said_so(run: Any) -> None:
+    with pytest.raises(TypeError, match=r"takes a description, as recording\.description, not Recording"):
+        FixedLagSmoother(run.recording)
+    with pytest.raises(TypeError, match=r"takes settings as trackfg\.smooth does, not dict"):
+        FixedLagSmoother(run.recording.description, {"output": {}})  # type: ignore[arg-type]
+
+
 def test_without_anything_that_measures_speed_it_is_refused(run: Any) -> None:
     blind = run.recording.description.model_copy(update={"tach": None, "gnss": None})
     with pytest.raises(BadInputError, match="nothing measures speed"):
