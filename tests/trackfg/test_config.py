@@ -47,11 +47,11 @@ def test_defaults_survive_the_file(tmp_path: Path) -> None:
         ("[keyframes]\ninterval_s = -1.0", "keyframes.interval_s", "greater than 0"),
         ("[keyframes]\ndistance_m = nan", "keyframes.distance_m", "finite|greater than 0"),
         ("[keyframes]\ndistance_m = inf", "keyframes.distance_m", "finite"),
-        ('[output]\nrate_hz = "fast"', "output.rate_hz", "valid number"),
+        ('[output]\nrate_hz = "fast"', "output.rate_hz", "is 'fast'; expected a valid number"),
         ("[solver]\nmax_iterations = 2.5", "solver.max_iterations", "valid integer"),
         ("[solver]\nmax_iterations = 0", "solver.max_iterations", "greater than 0"),
         ('[position]\nrobust = "perhaps"', "position.robust", "valid boolean"),
-        ("tach = 3", "tach", "valid dictionary"),
+        ("tach = 3", "tach", "is 3; expected a section with keys"),
         ("[geometry]\nstep_m = 1e-300", "geometry.step_m", "0.001"),
         ("[output]\nrate_hz = 1e300", "output.rate_hz", "10000"),
         ("[keyframes]\ninterval_s = 5e-324", "keyframes.interval_s", "expected at least 0.001"),
@@ -71,6 +71,11 @@ def test_refusal_names_file_key_and_expectation(tmp_path: Path, text: str, key: 
 def test_all_mistakes_are_named_at_once(tmp_path: Path) -> None:
     with pytest.raises(BadInputError, match=r"keyframes\.interval_s.*; .*motion\.sd_per_sped"):
         SmoothConfig.from_toml(write(tmp_path, "[keyframes]\ninterval_s = 0\n[motion]\nsd_per_sped = 1"))
+
+
+def test_of_many_mistakes_the_first_are_named(tmp_path: Path) -> None:
+    with pytest.raises(BadInputError, match=r"tach\.a4: [^;]*; [^;]*; 3 more$"):
+        SmoothConfig.from_toml(write(tmp_path, "[tach]\n" + "\n".join(f"a{i} = 1" for i in range(8))))
 
 
 def test_broken_toml_names_the_line(tmp_path: Path) -> None:

@@ -74,6 +74,12 @@ def read_toml(path: Path) -> dict[str, Any]:
         raise BadInputError(f"{path}: not valid TOML in UTF-8: {first_line(error)}") from error
 
 
+_SHOULD_BE = "Input should be "
+"""How pydantic begins what it expected."""
+_MOST_FAULTS = 5
+"""More are those of another kind of file."""
+
+
 def read_model(path: Path, model: type[Content]) -> Content:
     """Return the content of a small TOML file as ``model`` has it.
 
@@ -85,20 +91,28 @@ def read_model(path: Path, model: type[Content]) -> Content:
 def validated(model: type[Content], content: Any, place: str, key: str = "") -> Content:
     """Return a content as ``model`` has it.
 
-    Raises :class:`BadInputError` that begins with ``place`` and names every key at fault, after the word ``key``, and
-    what was expected of it.
+    Raises :class:`BadInputError` that begins with ``place`` and names every key at fault, or the first of many, after
+    the word ``key``, what it is and what was expected of it.
     """
     try:
         return model.model_validate(content)
     except ValidationError as error:
-        raise BadInputError(place + "; ".join(key + _fault(detail, model) for detail in error.errors())) from error
+        faults = [key + _fault(detail, model) for detail in error.errors()]
+        more = [f"{len(faults) - _MOST_FAULTS} more"] if len(faults) > _MOST_FAULTS else []
+        raise BadInputError(place + "; ".join([*faults[:_MOST_FAULTS], *more])) from error
 
 
 def _fault(detail: ErrorDetails, model: type[BaseModel]) -> str:
     """Return a key and what is wrong with it."""
     place = [str(step) for step in detail["loc"]]
     message = detail["msg"].removeprefix("Value error, ")
-    if detail["type"] == "extra_forbidden":
+    if message.startswith(_SHOULD_BE):
+        section = detail["type"] in ("model_type", "model_attributes_type")
+        expected = "a section with keys" if section else message.removeprefix(_SHOULD_BE)
+        message = f"is {ascii(detail['input'])[:60]}; expected {expected}"
+    elif detail["type"] == "missing":
+        message = "is missing"
+    elif detail["type"] == "extra_forbidden":
         known = keys_at(model, place[:-1])
         message = f"unknown key; {expected_one_of(known, place[-1])}"
     return f"{'.'.join(place)}: {message}" if place else message

@@ -194,7 +194,7 @@ def test_a_template_names_its_own_channels(result, tmp_path):
     [
         ("x = [", "not valid TOML"),
         ("", "no \\[\\[channel\\]\\]"),
-        ('[[channel]]\nname = "a"', "column: Field required"),
+        ('[[channel]]\nname = "a"', "column: is missing"),
     ],
 )
 def test_a_template_that_is_none_is_refused(tmp_path, text, message):
