@@ -41,8 +41,9 @@ class StreamCounts:
     """Rows taken from the source and passed on to the smoother, keyframes estimated, events by kind.
 
     ``by_table``: rows taken; ``left_out``: rows of each table that were not passed on, by kind of event;
-    ``unreadable``: lines or messages that were no row. These are counted since the last start.
-    ``doubts``: the quantities whose sigmas are too small, as found at the end of the stream.
+    ``unreadable``: lines or messages that were no row; ``broken``: where the source ended too early, if it did. All of
+    these are since the last start. ``doubts``: the quantities whose sigmas are too small, as found at the end of the
+    stream.
     """
 
     rows_in: int = 0
@@ -54,13 +55,13 @@ class StreamCounts:
     left_out: dict[str, Counter[str]] = field(default_factory=dict)
     unreadable: int = 0
     first_unreadable: str = ""
+    broken: str = ""
 
     def losses(self) -> list[str]:
-        """Return a sentence for each table that lost more than half of its rows, and one if many were no rows at all.
-
-        A row that came again is no loss.
+        """Return a sentence for each table that lost more than half of its rows, and others if many were no rows at all
+        or the source is cut off. A row that came again is no loss.
         """
-        said = []
+        said = [self.broken] if self.broken else []
         if self.unreadable > _MANY_UNREADABLE * (came := self.unreadable + self.rows_in):
             said.append(f"{self.unreadable} of {came} rows could not be read; the first: {self.first_unreadable}")
         for table, kinds in self.left_out.items():
@@ -205,6 +206,8 @@ class Stream:
         counts.events.update(event.kind for event in events)
         counts.doubts += tuple(event.detail for event in events if event.kind == DOUBT)
         for event in events:
+            if event.kind == "broken-input":
+                counts.broken = event.detail
             if event.rows and event.table:
                 counts.left_out.setdefault(event.table, Counter())[event.kind] += event.rows
             elif event.rows:
