@@ -161,7 +161,7 @@ def test_the_template_of_settings_holds_the_defaults(run: Run, tmp_path: Path) -
 
 
 def test_json_of_any_command(run: Run, tmp_path: Path) -> None:
-    done = run("simulate", "trolley", "-o", tmp_path / "a", "--duration", 10, "--json")
+    done = run("simulate", "trolley", "-o", tmp_path / "a", "--duration", 12, "--json")
     assert json.loads(done.out) == {"recording": str(tmp_path / "a")}
     assert json.loads(run("config", "--json").out) == SmoothConfig().model_dump(mode="json")
     (table,) = json.loads(run("scenarios", "--json", "-q").out)["tables"]
