@@ -79,7 +79,7 @@ def _profile(run: RunContext, motion: DenseMotion, views: list[RailView], stretc
     if run.direction < 0:
         left, right = right, left
     centre, apart = 0.5 * (left + right), left - right
-    gauge = np.linalg.norm(apart, axis=0)
+    distance, head = np.linalg.norm(apart, axis=0), views[0].head_m
     lateral, leftward = lateral_of(centre[0], centre[1], step_m)
     rails: dict[Side, tuple[Array, Array]] = {
         "left": (left[2], lateral_of(left[0], left[1], step_m)[0]),
@@ -90,9 +90,15 @@ def _profile(run: RunContext, motion: DenseMotion, views: list[RailView], stretc
         cell=cell,
         speed=made[0][1],
         shapes=Shapes(
-            centre[2], lateral, apart[2] / gauge, heading_of_lateral(lateral, step_m, _SLOPE_M), rails, gauge
+            height=centre[2],
+            lateral=lateral,
+            tilt=apart[2] / distance,
+            heading=heading_of_lateral(lateral, step_m, _SLOPE_M),
+            rails=rails,
+            gauge=distance - head,
         ),
         views=tuple(view for view, _ in made),
+        head_m=head,
     )
 
 

@@ -68,6 +68,10 @@ class Table(Model):
         return (self.file,)
 
 
+WIDEST_HEAD_M = 0.1
+"""No rail has a wider head; the common ones have 0.06 to 0.08 m."""
+
+
 class Track(Model):
     """The line and the run on it.
 
@@ -80,6 +84,16 @@ class Track(Model):
     direction: Literal[1, -1] = 1
     latitude_deg: Latitude | None = None
     heading_deg: Angle | None = None
+
+    @property
+    def head_m(self) -> float:
+        """Return how much further apart the middles of the rails' tops are than their running edges, m: a head's width.
+
+        Cross-level refers to the distance of the tops where that is wider than the gauge by a head at most; where it is
+        not, as with 1.067 m for both, tops and edges count as equally far apart.
+        """
+        wider = self.cross_level_base_m - self.gauge_m
+        return wider if 0.0 < wider <= WIDEST_HEAD_M else 0.0
 
 
 class ImuNoise(Model):

@@ -1,8 +1,9 @@
 """Where the rails are, as displacement sensors on the vehicle see them.
 
-The sensors of one unit (one place along the vehicle) over one rail make a point of that rail in body axes: across from
-the lateral sensor, up from the vertical one; a sensor that is missing leaves its own place instead. Two units see each
-place twice: that is the factor (:mod:`trackfg.factors.rail`), and the mean of both is the rail's profile.
+The sensors of one unit (one place along the vehicle) over one rail make a point of that rail in body axes, the middle
+of its top: across from the lateral sensor, half a head beyond the running edge, and up from the vertical one; a sensor
+that is missing leaves its own place instead. Two units see each place twice: that is the factor
+(:mod:`trackfg.factors.rail`), and the mean of both is the rail's profile.
 """
 
 from __future__ import annotations
@@ -63,21 +64,27 @@ class Channel:
 
 @dataclass(frozen=True)
 class RailView:
-    """What one unit sees of one rail. ``along_m``: the unit's place in the vehicle, positive ahead."""
+    """What one unit sees of one rail. ``along_m``: the unit's place in the vehicle, positive ahead.
+
+    ``head_m``: width of the rail's head, whose middle the vertical sensor sees and whose inner edge the lateral one.
+    """
 
     side: Side
     along_m: float
     lateral: Channel | None
     vertical: Channel | None
+    head_m: float = 0.0
 
     def points(self, t: Array, window_s: float) -> Array:
-        """The rail in vehicle axes at times ``t``, m. Shape (m, 3)."""
+        """The middle of the rail's top in vehicle axes at times ``t``, m. Shape (m, 3)."""
         fallback = next(channel.laser.position_m for channel in (self.vertical, self.lateral) if channel is not None)
         place = np.tile(np.array(fallback), (len(t), 1))
         place[:, 0] = self.along_m
         for channel, axis in ((self.lateral, 1), (self.vertical, 2)):
             if channel is not None:
                 place[:, axis] = channel.laser.position_m[axis] + channel.mean(t, window_s)
+        if self.lateral is not None:
+            place[:, 1] += (0.5 if self.side == "left" else -0.5) * self.head_m
         return place
 
     def sd(self, window_s: float) -> tuple[float, float]:
@@ -101,7 +108,7 @@ def rail_views(recording: Recording) -> list[RailView]:
             here = {laser.axis: laser for laser in lasers if laser.position_m[0] == along and laser.rail == side}
             if here:
                 lateral, vertical = (_channel(recording, here.get(axis)) for axis in ("y", "z"))
-                views.append(RailView(side, along, lateral, vertical))
+                views.append(RailView(side, along, lateral, vertical, recording.description.track.head_m))
     return views
 
 

@@ -65,6 +65,25 @@ def test_points_are_the_sensors_place_and_reading(run: Simulation) -> None:
         np.testing.assert_allclose(points[:, axis], own[f"A-left-{name}"][axis] + reading, atol=1e-9)
 
 
+def test_points_are_the_middles_of_the_tops(run: Simulation) -> None:
+    """Half a head, 32.5 mm, beyond the running edges of standard gauge; of other rails the edges themselves."""
+    recording = run.recording
+    t = recording.lasers["A-left-lateral"]["t_s"].to_numpy()[500:9000:700]
+    edges = [view.points(t, 0.0) for view in rail_views(recording)]
+
+    def beyond(gauge_m: float, base_m: float) -> list[float]:
+        sizes = {"gauge_m": gauge_m, "cross_level_base_m": base_m}
+        track = recording.description.track.model_copy(update=sizes)
+        views = rail_views(replace(recording, description=recording.description.model_copy(update={"track": track})))
+        outwards = {"left": 1.0, "right": -1.0}
+        moved = [view.points(t, 0.0) - edge for view, edge in zip(views, edges, strict=True)]
+        return [outwards[view.side] * np.median(move[:, 1]) for view, move in zip(views, moved, strict=True)]
+
+    assert beyond(1.435, 1.5) == pytest.approx([0.0325] * 4)
+    assert beyond(1.668, 1.5) == pytest.approx([0.0] * 4)
+    assert beyond(1.067, 1.5) == pytest.approx([0.0] * 4)
+
+
 def test_reading_is_the_mean_over_the_window(run: Simulation) -> None:
     channel = rail_views(run.recording)[0].vertical
     assert channel is not None
