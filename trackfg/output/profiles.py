@@ -68,16 +68,12 @@ class View:
 
 @dataclass(frozen=True)
 class Profile:
-    """One pass. ``cell`` (n,) is chainage over step, whole numbers ascending by one; ``speed`` (n,) m/s.
-
-    ``head_m``: how much further apart than the gauge the points of both rails are that were seen.
-    """
+    """One pass. ``cell`` (n,) is chainage over step, whole numbers ascending by one; ``speed`` (n,) m/s."""
 
     cell: np.ndarray
     speed: Array
     shapes: Shapes
     views: tuple[View, ...]
-    head_m: float = 0.0
 
     def __len__(self) -> int:
         return len(self.cell)

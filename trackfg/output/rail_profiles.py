@@ -79,7 +79,7 @@ def _profile(run: RunContext, motion: DenseMotion, views: list[RailView], stretc
     if run.direction < 0:
         left, right = right, left
     centre, apart = 0.5 * (left + right), left - right
-    distance, head = np.linalg.norm(apart, axis=0), views[0].head_m
+    distance = np.linalg.norm(apart, axis=0)
     lateral, leftward = lateral_of(centre[0], centre[1], step_m)
     rails: dict[Side, tuple[Array, Array]] = {
         "left": (left[2], lateral_of(left[0], left[1], step_m)[0]),
@@ -95,10 +95,9 @@ def _profile(run: RunContext, motion: DenseMotion, views: list[RailView], stretc
             tilt=apart[2] / distance,
             heading=heading_of_lateral(lateral, step_m, _SLOPE_M),
             rails=rails,
-            gauge=distance - head,
+            gauge=distance - views[0].head_m,
         ),
         views=tuple(view for view, _ in made),
-        head_m=head,
     )
 
 

@@ -217,7 +217,7 @@ class _Columns:
             return Shapes(
                 height=0.5 * (z_left + z_right),
                 lateral=0.5 * (u_left + u_right),
-                tilt=(z_left - z_right) / (self.meaning.gauge_m + self.profile.head_m),
+                tilt=(z_left - z_right) / self.meaning.tops_apart_m,
                 heading=np.gradient(0.5 * (u_left + u_right), step, axis=-1),
                 rails={"left": (z_left, u_left), "right": (z_right, u_right)},
                 gauge=u_left - u_right,

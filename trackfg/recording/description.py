@@ -72,6 +72,16 @@ WIDEST_HEAD_M = 0.1
 """No rail has a wider head; the common ones have 0.06 to 0.08 m."""
 
 
+def rail_head_m(gauge_m: float, cross_level_base_m: float) -> float:
+    """Return how much further apart the middles of the rails' tops are than their running edges, m: a head's width.
+
+    Cross-level refers to the distance of the tops where that is wider than the gauge by a head at most. Where it is
+    not, as with 1.067 m for both, tops and edges count as equally far apart.
+    """
+    wider = cross_level_base_m - gauge_m
+    return wider if 0.0 < wider <= WIDEST_HEAD_M else 0.0
+
+
 class Track(Model):
     """The line and the run on it.
 
@@ -87,13 +97,8 @@ class Track(Model):
 
     @property
     def head_m(self) -> float:
-        """Return how much further apart the middles of the rails' tops are than their running edges, m: a head's width.
-
-        Cross-level refers to the distance of the tops where that is wider than the gauge by a head at most; where it is
-        not, as with 1.067 m for both, tops and edges count as equally far apart.
-        """
-        wider = self.cross_level_base_m - self.gauge_m
-        return wider if 0.0 < wider <= WIDEST_HEAD_M else 0.0
+        """Return the width of a rail's head, m (:func:`rail_head_m`)."""
+        return rail_head_m(self.gauge_m, self.cross_level_base_m)
 
 
 class ImuNoise(Model):

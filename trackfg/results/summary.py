@@ -12,6 +12,7 @@ from pydantic import AfterValidator, Field, JsonValue, field_serializer
 
 from trackfg.numerics.kernels import kernels_in_use
 from trackfg.numerics.key_figures import outline
+from trackfg.recording.description import rail_head_m
 from trackfg.recording.findings import Finding
 from trackfg.recording.line_kilometrage import LineKilometrage
 from trackfg.recording.strict_model import Model
@@ -81,6 +82,11 @@ class GeometryConventions(Model):
     band_m: tuple[Length, Length]
     curvature_base_m: Length
     gradient_base_m: Length
+
+    @property
+    def tops_apart_m(self) -> float:
+        """How far the middles of the rails' tops are apart, m."""
+        return self.gauge_m + rail_head_m(self.gauge_m, self.cross_level_base_m)
 
     @property
     def twist_base(self) -> str:

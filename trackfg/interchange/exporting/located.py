@@ -97,7 +97,8 @@ def table_of(result: Result, name: str, *, km: bool = False, bands: bool = False
         table, meaning = located_geometry(result), result.summary.geometry
         if bands and result.summary.solver is not None and len(table):
             table = with_long_bands(table, meaning.step_m, meaning.chord_m)
-            table = with_rail_bands(table, meaning.step_m, meaning.twist_base_m)
+            over_base = meaning.tops_apart_m / meaning.cross_level_base_m
+            table = with_rail_bands(table, meaning.step_m, meaning.twist_base_m, tops_over_base=over_base)
     else:
         table = located_trajectory(result) if name == "trajectory" else result.events
     return with_km(_dated(table, start_of(result)), kilometrage)

@@ -44,6 +44,17 @@ def test_a_rail_s_bands_are_those_of_its_profile(quantity: str, apart: str) -> N
             np.testing.assert_allclose(own[both], expected[both], atol=0.1)  # the bands' tails are cut off differently
 
 
+def test_a_cross_level_over_another_base_is_brought_to_the_rails() -> None:
+    """Rails 1.067 m apart and a cross-level on 1.5 m: half of what is between the rails, not of the larger number."""
+    x = STEP * np.arange(4000)
+    wave = 3.0 * np.sin(2.0 * np.pi * x / 40.0)
+    geometry = pd.DataFrame({"chainage_m": x, "level_d2_mm": 0.0 * x, "cross_level_mm": wave * 1.5 / 1.067})
+    table = with_rail_bands(geometry, STEP, BASE, tops_over_base=1.067 / 1.5)
+    expected = 0.5 * band_pass(wave, STEP, BANDS["D2"])
+    np.testing.assert_allclose(table["level_left_d2_mm"], expected, atol=1e-9)
+    np.testing.assert_allclose(table["level_right_d2_mm"], -expected, atol=1e-9)
+
+
 def test_a_rail_that_was_measured_by_itself_keeps_its_band() -> None:
     x = STEP * np.arange(4000)
     flat = pd.DataFrame(
