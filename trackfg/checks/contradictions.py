@@ -292,7 +292,8 @@ def _fix_order(recording: Recording) -> list[Finding]:
     is_rule = 2 * np.count_nonzero(against) > np.count_nonzero(clear)
     message = f"chainage runs against track.direction = {recording.description.track.direction}"
     other, changes = (-1, "falls") if recording.description.track.direction == 1 else (1, "grows")
-    hint = f"set track.direction = {other} if chainage {changes} along this run, or sort out the mixed-up fix"
+    where = "where the vehicle moves forwards" if tach.signed else "along this run"
+    hint = f"set track.direction = {other} if chainage {changes} {where}, or sort out the mixed-up fix"
     if tach.signed:
         hint += ", or turn the tach's sign if it counts forward motion as negative"
     place = ColumnPlace(part.file, part.chainage, fixes["t_s"].to_numpy())

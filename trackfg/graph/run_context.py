@@ -37,7 +37,7 @@ class RunContext(Outlined):
     mount_roll_sd: float
     """Uncertainty of the mounting's roll, rad."""
     direction: int
-    """+1 where chainage grows along the run, -1 where it falls."""
+    """+1 where chainage grows as the vehicle moves forwards, -1 where it falls."""
     conventions: GeometryConventions
 
 

@@ -465,6 +465,17 @@ def test_what_decides_much_and_is_not_stated_is_named(draft: Draft, tmp_path: Pa
     assert read_recording(folder).findings == (finding,)
 
 
+@pytest.mark.parametrize(("gauge_m", "named"), [(1.0, True), (1.668, True), (1.435, False)])
+def test_the_base_of_the_cross_level_is_named_beside_another_gauge(
+    draft: Draft, tmp_path: Path, gauge_m: float, named: bool
+) -> None:
+    draft.toml["track"] = {"gauge_m": gauge_m}
+    found = [str(finding) for finding in check_recording(draft.write(tmp_path / "rec")).findings]
+    assert len(found) == named
+    for finding in found:
+        assert "track.cross_level_base_m: is not stated; 1.5 m is assumed, beside a gauge of " in finding
+
+
 def test_a_key_with_a_fault_is_not_called_absent(draft: Draft, tmp_path: Path) -> None:
     declare("imu", "rigid", value="yes")(draft)
     assert "assumed" not in {finding.code for finding in check_recording(draft.write(tmp_path / "rec")).findings}
@@ -475,6 +486,9 @@ def test_fixes_against_the_direction_are_a_warning(draft: Draft, tmp_path: Path)
     found = doubts(draft, tmp_path / "rec")
     assert "fixes.csv, column 'chainage_m', data row 2" in found["direction"]
     assert "set track.direction = 1" in found["direction"]
+    draft.toml["tach"]["signed"] = True
+    found = doubts(draft, tmp_path / "signed")
+    assert "set track.direction = 1 if chainage grows where the vehicle moves forwards" in found["direction"]
 
 
 def test_a_latitude_elsewhere_and_a_partial_overlap_are_warnings(draft: Draft, tmp_path: Path) -> None:
