@@ -50,6 +50,12 @@ def heading_noise(step_m: float, half_m: float = 1.0) -> float:
     return float(np.sqrt(sum(weight**2 for _, weight in _slope_weights(step_m, half_m))))
 
 
+def heading_walk(step_m: float, half_m: float = 1.0) -> float:
+    """Return sigma of the heading, rad, for errors of u that walk at random, by 1 m per root of a metre."""
+    weights = np.array([weight for _, weight in _slope_weights(step_m, half_m)])
+    return float(np.sqrt(step_m * np.sum(np.cumsum(weights) ** 2)))
+
+
 def _slope_weights(step_m: float, half_m: float) -> list[tuple[int, float]]:
     """Return weights of the neighbours in the slope, at the middle, of the cubic fitted by least squares."""
     half = steps(half_m, step_m, "half_m")

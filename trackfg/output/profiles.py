@@ -55,7 +55,8 @@ class View:
     """One sight of the track: the points it came from and the white noise that is in it, across and up, m (n,).
 
     ``side`` is the rail, None for the path of the vehicle itself. ``below``: how much larger the noise is to a filter
-    that keeps long waves only, ``slope`` (rad/m): sigma of the heading per sigma across.
+    that keeps long waves only, ``slope`` (rad/m): sigma of the heading per sigma across, ``walk`` (rad/m^0.5) the same
+    per random walk across.
     """
 
     side: Side | None
@@ -64,6 +65,7 @@ class View:
     up_sd: Array
     below: float = 1.0
     slope: float = 0.0
+    walk: float = 0.0
 
 
 @dataclass(frozen=True)

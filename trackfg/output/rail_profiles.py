@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from trackfg.factors.states import States
-from trackfg.geometry.curvature import heading_noise, heading_of_lateral
+from trackfg.geometry.curvature import heading_noise, heading_of_lateral, heading_walk
 from trackfg.geometry.resampling import resample
 from trackfg.graph.run_context import RunContext
 from trackfg.numerics.arrays import Array
@@ -139,4 +139,5 @@ def _view(run: RunContext, sight: _Sight, grid: Array, leftward: Array) -> tuple
     readings = np.maximum(view.rate_hz * step_m / np.maximum(speed, _SLOWEST_MPS), 1.0)
     share = np.sqrt(_KEPT / readings)
     side: Side = view.side if run.direction > 0 else ("right" if view.side == "left" else "left")
-    return View(side, points, across * share, up * share, _KEPT**-0.5, heading_noise(step_m, _SLOPE_M)), speed
+    slope, walk = heading_noise(step_m, _SLOPE_M), heading_walk(step_m, _SLOPE_M)
+    return View(side, points, across * share, up * share, _KEPT**-0.5, slope, walk), speed

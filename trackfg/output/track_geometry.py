@@ -47,6 +47,9 @@ _COARSEST_M = 1.25
 _AVERAGED_M = 10.0
 """Sigmas are averaged over this: 64 samples alone know a sigma to 9 %. Near a stop they change within some metres."""
 
+_SLOWEST_MPS = 0.05
+"""At a crawl the gyro's noise per metre counts as at this speed, m/s."""
+
 _CHUNK_M = 10_000.0
 """Track that is sampled at a time, m: bounds the memory, changes nothing else."""
 
@@ -229,7 +232,22 @@ class _Columns:
         smooth = rails([one.height for one in moved], [one.lateral for one in moved])
         white = rails([noise(view.up_sd) for view in views], [noise(view.across_sd) for view in views])
         slope = np.sqrt(sum(view.slope**2 * view.across_sd[rows] ** 2 for view in views)) / len(views)
+        slope = np.hypot(slope, self._turning(rows, step))
         return smooth, replace(white, heading=slope * self.errors.rng.standard_normal(white.heading.shape))
+
+    def _turning(self, rows: slice, step_m: float) -> Array:
+        """Return the sigma of the heading by what the gyro's noise turns units far from it within the fitted slope,
+        less what differences over two of the samples' steps have of it (half, as each rail draws its own).
+        """
+        views = [view for view in self.profile.views if view.side == "left"]
+        speed = np.maximum(self.profile.speed[rows], _SLOWEST_MPS)
+        variance = np.zeros(len(speed))
+        for view in views:
+            points = view.points[rows]
+            ahead = points.arm[:, 0] * points.left[:, 1] - points.arm[:, 1] * points.left[:, 0]
+            missing = max(view.walk**2 - 0.25 / step_m, 0.0)
+            variance += missing * (ahead * self.run.noise.gyro[points.keyframe, 2] / len(views)) ** 2 / speed
+        return np.sqrt(variance)
 
 
 def _sum(smooth: Shapes, white: Shapes, share: float) -> Shapes:

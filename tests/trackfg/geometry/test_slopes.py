@@ -17,6 +17,7 @@ from trackfg.geometry.curvature import (
     heading_noise,
     heading_of_lateral,
     heading_of_lateral_response,
+    heading_walk,
 )
 from trackfg.geometry.gradient import gradient, gradient_response
 from trackfg.geometry.twist import twist, twist_response
@@ -76,6 +77,8 @@ def test_noise_of_the_heading() -> None:
     heading = heading_of_lateral(noise, 0.25)
     assert np.nanstd(heading) == pytest.approx(heading_noise(0.25), rel=0.02)
     assert heading_noise(0.25) < 0.5 * np.sqrt(0.5) / 0.25
+    walk = np.cumsum(np.sqrt(0.25) * noise)
+    assert np.nanstd(heading_of_lateral(walk, 0.25)) == pytest.approx(heading_walk(0.25), rel=0.02)
     with pytest.raises(BadInputError, match="two steps"):
         heading_of_lateral(noise, 0.25, 0.25)
 

@@ -8,6 +8,7 @@ import pytest
 
 from trackfg.config import GeometryConfig
 from trackfg.factors.states import KEYFRAME_DIM, SHARED_DIM, Kind, Nav, Odo, States
+from trackfg.geometry.curvature import heading_walk
 from trackfg.graph.inputs import World
 from trackfg.graph.run_context import RunContext
 from trackfg.output.dense_motion import DenseMotion
@@ -58,19 +59,21 @@ def context(gyro: float = 1e-12, direction: int = 1) -> RunContext:
     )
 
 
-def table_of(sides: tuple[Side, ...] = (), gyro: float = 1e-12) -> pd.DataFrame:
+def table_of(sides: tuple[Side, ...] = (), gyro: float = 1e-12, ahead_m: float = 0.0) -> pd.DataFrame:
     """The geometry of the straight run with keyframes that are known exactly, from the vehicle's own path or from
-    rails that sensors see with the white noise READING_SD_M on every step.
+    rails that sensors ``ahead_m`` of the gyro see with the white noise READING_SD_M on every step.
     """
     cell = np.arange(round(LENGTH_M / STEP_M))
     n = len(cell)
     when = cell * STEP_M / SPEED_MPS / INTERVAL_S
     keyframe = when.astype(np.int64)
     left = np.tile([0.0, 1.0, 0.0], (n, 1))
-    points = Points(keyframe, when - keyframe, left, left, np.zeros((n, 3)))
+    points = Points(keyframe, when - keyframe, left, left, np.tile([-ahead_m, 0.0, 0.0], (n, 1)))
     zero, noise = np.zeros(n), np.full(n, READING_SD_M)
     shapes = Shapes(zero, zero, zero, zero, dict.fromkeys(sides, (zero, zero)), zero if sides else None)
-    views = tuple(View(side, points, noise, noise) for side in sides) or (View(None, points, zero, zero),)
+    views = tuple(View(side, points, noise, noise, walk=heading_walk(STEP_M)) for side in sides) or (
+        View(None, points, zero, zero),
+    )
     profile = Profile(cell, np.full(n, SPEED_MPS), shapes, views)
     size = KEYFRAME_DIM + SHARED_DIM
     exact = SquareRoot(
@@ -105,6 +108,17 @@ def test_tilt_between_the_rails_is_over_the_gauge() -> None:
     cross_level = 1e3 * READING_SD_M * np.sqrt(2.0) * BASE_M / GAUGE_M
     assert table["cross_level_mm_sd"].median() == pytest.approx(cross_level, rel=0.03)
     assert table["twist_mm_sd"].median() == pytest.approx(cross_level * np.sqrt(2.0), rel=0.03)
+
+
+def test_the_gyro_turns_units_far_ahead_within_the_fitted_slope() -> None:
+    """A unit 6 m ahead of a gyro with the white noise N moves across by a random walk of 6 N / sqrt(speed) per root of
+    a metre. The slope fitted to it has 1.10 of that, and the curvature two such slopes over 10 m: 3.0e-5 1/m.
+    """
+    table = table_of(("left", "right"), gyro=GYRO_WHITE, ahead_m=6.0)
+    walk = heading_walk(STEP_M) * 6.0 * GYRO_WHITE / np.sqrt(SPEED_MPS)
+    expected = np.sqrt(2.0) * walk / MEANING.curvature_base_m
+    assert expected == pytest.approx(3.0e-5, abs=0.1e-5)
+    assert table["curvature_1pm_sd"].median() == pytest.approx(expected, rel=0.1)
 
 
 def test_band_keeps_its_share_of_white_noise_however_far_apart_it_is_drawn() -> None:
