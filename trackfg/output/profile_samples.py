@@ -90,25 +90,33 @@ class PointErrors:
         f, a = points.fraction[:, None, None], errors.attitude
         self._tilted = (1.0 - f) * a[points.keyframe] + f * a[points.keyframe + 1]
 
-    def places(self) -> PlaceErrors:
-        """Draw the errors of the points: the IMU's position less the arm, which turns with the attitude."""
+    def turned(self) -> Array:
+        """Draw what the gyro's white noise turns between keyframes, about each axis of n: (3, m, count)."""
+        noisiest = int(np.argmax(self._run.noise.gyro[self._points.keyframe].sum(axis=0)))
+        return np.stack([self._noise(noisiest) for _ in range(3)])
+
+    def places(self, turned: Array | None = None) -> PlaceErrors:
+        """Draw the errors of the points: the IMU's position less the arm, which turns with the attitude.
+
+        Points that are passed at the same time, such as both rails under one unit, turn alike by the same ``turned``.
+        """
         run, errors, k, left, arm = self._run, self._errors, self._points.keyframe, self._points.left, self._points.arm
+        if turned is None and arm.any():
+            turned = self.turned()
         span, f = np.diff(run.t)[k][:, None], self._points.fraction[:, None]
         w0, w1, u0, u1 = (weight[:, :, None] for weight in hermite_weights(f, span))
         p, v = errors.position, errors.velocity
         moved = w0 * p[k] + w1 * p[k + 1] + u0 * v[k] + u1 * v[k + 1]
         beam = span**1.5 * _beam(self._points.fraction)
-        levered = int(np.argmax(run.noise.gyro[k].sum(axis=0)))
         up = np.broadcast_to([0.0, 0.0, 1.0], left.shape)
         forward = np.cross(left, up)
 
         def at_point(direction: Array) -> Array:
             position: Array = np.einsum("mi,mis->ms", direction, moved)
-            if not arm.any():
+            if turned is None:
                 return position
             lever = np.cross(arm, direction)
-            length: Array = np.linalg.norm(lever, axis=1)[:, None]
-            return position - self._turned_about(lever) + length * self._noise(levered)
+            return np.asarray(position - self._turned_about(lever) - np.einsum("mi,ims->ms", lever, turned))
 
         def shaken(axis: int, direction: int) -> Array:
             modes = run.noise.accel[k, axis, None] * beam

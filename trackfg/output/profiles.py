@@ -54,9 +54,9 @@ class Shapes:
 class View:
     """One sight of the track: the points it came from and the white noise that is in it, across and up, m (n,).
 
-    ``side`` is the rail, None for the path of the vehicle itself. ``below``: how much larger the noise is to a filter
-    that keeps long waves only, ``slope`` (rad/m): sigma of the heading per sigma across, ``walk`` (rad/m^0.5) the same
-    per random walk across.
+    ``side`` is the rail, None for the path of the vehicle itself, ``along_m`` where on the vehicle it is seen.
+    ``below``: how much larger the noise is to a filter that keeps long waves only, ``slope`` (rad/m): sigma of the
+    heading per sigma across, ``walk`` (rad/m^0.5) the same per random walk across.
     """
 
     side: Side | None
@@ -66,6 +66,7 @@ class View:
     below: float = 1.0
     slope: float = 0.0
     walk: float = 0.0
+    along_m: float = 0.0
 
 
 @dataclass(frozen=True)

@@ -140,4 +140,4 @@ def _view(run: RunContext, sight: _Sight, grid: Array, leftward: Array) -> tuple
     share = np.sqrt(_KEPT / readings)
     side: Side = view.side if run.direction > 0 else ("right" if view.side == "left" else "left")
     slope, walk = heading_noise(step_m, _SLOPE_M), heading_walk(step_m, _SLOPE_M)
-    return View(side, points, across * share, up * share, _KEPT**-0.5, slope, walk), speed
+    return View(side, points, across * share, up * share, _KEPT**-0.5, slope, walk, view.along_m), speed

@@ -201,12 +201,17 @@ class _Columns:
         """Draw samples of the errors of some rows: those of the motion, and the white noise of displacement sensors."""
         views, step = self.profile.views, rows.step * self.meaning.step_m
         if views[0].side is None:
-            errors = PointErrors(self.run, views[0].points[rows], self.errors)
-            place, angle = errors.places(), errors.angles()
+            path = PointErrors(self.run, views[0].points[rows], self.errors)
+            place, angle = path.places(), path.angles()
             nothing = np.zeros_like(place.height)
             motion = Shapes(place.height, place.lateral, angle.tilt, angle.heading)
             return motion, Shapes(nothing, nothing, nothing, nothing)
-        moved = [PointErrors(self.run, view.points[rows], self.errors).places() for view in views]
+        points = [PointErrors(self.run, view.points[rows], self.errors) for view in views]
+        turned: dict[float, Array] = {}
+        for view, errors in zip(views, points, strict=True):
+            if view.along_m not in turned:
+                turned[view.along_m] = errors.turned()
+        moved = [errors.places(turned[view.along_m]) for view, errors in zip(views, points, strict=True)]
 
         def rails(heights: list[Array], laterals: list[Array]) -> Shapes:
             sides = {
@@ -237,7 +242,7 @@ class _Columns:
 
     def _turning(self, rows: slice, step_m: float) -> Array:
         """Return the sigma of the heading by what the gyro's noise turns units far from it within the fitted slope,
-        less what differences over two of the samples' steps have of it (half, as each rail draws its own).
+        less what differences over two of the samples' steps have of it.
         """
         views = [view for view in self.profile.views if view.side == "left"]
         speed = np.maximum(self.profile.speed[rows], _SLOWEST_MPS)
@@ -245,7 +250,7 @@ class _Columns:
         for view in views:
             points = view.points[rows]
             ahead = points.arm[:, 0] * points.left[:, 1] - points.arm[:, 1] * points.left[:, 0]
-            missing = max(view.walk**2 - 0.25 / step_m, 0.0)
+            missing = max(view.walk**2 - 0.5 / step_m, 0.0)
             variance += missing * (ahead * self.run.noise.gyro[points.keyframe, 2] / len(views)) ** 2 / speed
         return np.sqrt(variance)
 

@@ -121,6 +121,14 @@ def test_the_gyro_turns_units_far_ahead_within_the_fitted_slope() -> None:
     assert table["curvature_1pm_sd"].median() == pytest.approx(expected, rel=0.1)
 
 
+def test_both_rails_under_one_unit_turn_alike() -> None:
+    """What the gyro's noise lifts a unit 6 m ahead lifts both rails: their difference has the readings' noise alone."""
+    still, turned = (table_of(("left", "right"), gyro, ahead_m=6.0) for gyro in (1e-12, GYRO_WHITE))
+    assert turned["level_mm_sd"].median() > 1.5 * still["level_mm_sd"].median()
+    for quantity in ("cross_level_mm_sd", "twist_mm_sd"):
+        assert turned[quantity].median() == pytest.approx(still[quantity].median(), rel=0.03)
+
+
 def test_band_keeps_its_share_of_white_noise_however_far_apart_it_is_drawn() -> None:
     """White noise s on every step h is spread evenly over the wave numbers up to 1 / (2 h). A band from B1 to B2 whose
     gain is that of the fourth order run both ways, 1 / (1 + u^8), keeps ``2 h (B2 - B1)`` times the integral of
