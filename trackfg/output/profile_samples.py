@@ -39,10 +39,13 @@ class Points:
 
 
 class PlaceErrors(NamedTuple):
-    """Errors of places, each (count, m), m."""
+    """Errors of places, each (count, m), m. ``turn``: what of the lateral ones changes from a point to the next because
+    the way between is longer or shorter than it seems, which bends a curve less or more.
+    """
 
     height: Array
     lateral: Array
+    turn: Array
 
 
 class AngleErrors(NamedTuple):
@@ -126,8 +129,12 @@ class PointErrors:
         # The heading of the path errs by d(across)/dx + curvature * ahead: a path that is turned as a whole stays the
         # same.
         turn = np.diff(np.unwrap(np.arctan2(forward[:, 1], forward[:, 0])))[:, None]
-        bent = np.vstack([np.zeros((1, ahead.shape[1])), np.cumsum(0.5 * turn * (ahead[1:] + ahead[:-1]), axis=0)])
-        return PlaceErrors((height + shaken(2, 0)).T, (across + bent + shaken(1, 1)).T)
+        bent = _summed(0.5 * turn * (ahead[1:] + ahead[:-1]))
+        # A curve seems to bend less by as much as its length seems longer.
+        stretched = np.diff(ahead, axis=0) - 0.5 * turn * (across[1:] + across[:-1])
+        turned_less = -_summed(turn * stretched)
+        bent += _summed(0.5 * (turned_less[1:] + turned_less[:-1]))
+        return PlaceErrors((height + shaken(2, 0)).T, (across + bent + shaken(1, 1)).T, turned_less.T)
 
     def angles(self) -> AngleErrors:
         """Draw the errors of the points' attitude."""
@@ -144,6 +151,11 @@ class PointErrors:
         """Draw what the gyro's white noise adds between keyframes about an axis. (m, count)"""
         density = self._run.noise.gyro[self._points.keyframe, axis, None]
         return np.asarray(density * self._bridges.drawn(self._errors.attitude.shape[2], self._errors.rng))
+
+
+def _summed(steps: Array) -> Array:
+    """Return running sums of steps (m - 1, count) from zero on. Shape (m, count)."""
+    return np.vstack([np.zeros((1, steps.shape[1])), np.cumsum(steps, axis=0)])
 
 
 def _beam(f: Array) -> Array:

@@ -204,7 +204,7 @@ class _Columns:
             path = PointErrors(self.run, views[0].points[rows], self.errors)
             place, angle = path.places(), path.angles()
             nothing = np.zeros_like(place.height)
-            motion = Shapes(place.height, place.lateral, angle.tilt, angle.heading)
+            motion = Shapes(place.height, place.lateral, angle.tilt, angle.heading + place.turn / step)
             return motion, Shapes(nothing, nothing, nothing, nothing)
         points = [PointErrors(self.run, view.points[rows], self.errors) for view in views]
         turned: dict[float, Array] = {}

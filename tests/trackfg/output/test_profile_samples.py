@@ -125,30 +125,46 @@ def test_place_below_the_sensor_swings_with_its_attitude() -> None:
     np.testing.assert_allclose(found.height, 0.0, atol=1e-9)
 
 
-def test_turning_the_whole_path_changes_its_lateral_profile_by_a_straight_line_at_most() -> None:
-    """In a curve of R 300: u counts from its own heading, so a rotation of everything is no error of the alignment."""
-    n, radius = KEYFRAMES, 300.0
-    along = 20.0 * np.arange(n)
-    yaw = along / radius
+RADIUS_M = 300.0
+ON_CURVE_M = np.arange(0.0, 20.0 * (KEYFRAMES - 1), 0.5)
+
+
+def errors_in_a_curve(turned: float, longer: float) -> PlaceErrors:
+    """One sample: everything turned about the start, rad, and scaled, as a wrong wheel does, in a curve to the left."""
+    n = KEYFRAMES
+    yaw = 20.0 * np.arange(n) / RADIUS_M
     R = matrix_from_rpy(np.zeros(n), np.zeros(n), yaw)
-    p = radius * np.stack([np.sin(yaw), 1 - np.cos(yaw), np.zeros(n)], axis=1)
-    turned = 1e-3
+    p = RADIUS_M * np.stack([np.sin(yaw), 1 - np.cos(yaw), np.zeros(n)], axis=1)
     samples = np.zeros((n, KEYFRAME_DIM + SHARED_DIM, 1))
     samples[:, NAV + 2, 0] = turned
-    shift = turned * np.stack([-p[:, 1], p[:, 0], np.zeros(n)], axis=1)
-    velocity = 10.0 * turned * np.stack([-np.sin(yaw), np.cos(yaw), np.zeros(n)], axis=1)
+    shift = turned * np.stack([-p[:, 1], p[:, 0], np.zeros(n)], axis=1) + longer * p
+    velocity = 10.0 * (turned * R[:, :, 1] + longer * R[:, :, 0])
     samples[:, NAV + 3 : NAV + 6, 0] = np.einsum("mji,mj->mi", R, shift)
     samples[:, NAV + 6 : NAV + 9, 0] = np.einsum("mji,mj->mi", R, velocity)
     curve = States(
         Nav(R, p, np.zeros((n, 3))), *(getattr(states(), name) for name in ("bias", "odo", "mount", "clock", "imu"))
     )
-    x = np.arange(0.0, along[-1], 0.5)
-    here = x / radius
-    k = np.clip((x / 20.0).astype(int), 0, n - 2)
-    left = np.stack([-np.sin(here), np.cos(here), np.zeros(len(x))], axis=1)
-    on_curve = Points(k, x / 20.0 - k, left, left, np.zeros((len(x), 3)))
+    here, k = ON_CURVE_M / RADIUS_M, (ON_CURVE_M / 20.0).astype(int)
+    left = np.stack([-np.sin(here), np.cos(here), np.zeros(len(here))], axis=1)
+    on_curve = Points(k, ON_CURVE_M / 20.0 - k, left, left, np.zeros((len(here), 3)))
     errors = PosteriorErrors.of(curve, samples, np.random.default_rng(0))
-    lateral = PointErrors(SILENT, on_curve, errors).places().lateral[0]
-    straight = np.polyval(np.polyfit(x, lateral, 1), x)
+    return PointErrors(SILENT, on_curve, errors).places()
+
+
+def test_turning_the_whole_path_changes_its_lateral_profile_by_a_straight_line_at_most() -> None:
+    """In a curve of R 300: u counts from its own heading, so a rotation of everything is no error of the alignment."""
+    turned = 1e-3
+    lateral = errors_in_a_curve(turned, longer=0.0).lateral[0]
+    straight = np.polyval(np.polyfit(ON_CURVE_M, lateral, 1), ON_CURVE_M)
     assert np.abs(lateral - straight).max() < 2e-5
-    assert np.ptp(lateral) == pytest.approx(turned * x[-1], rel=0.02)
+    assert np.ptp(lateral) == pytest.approx(turned * ON_CURVE_M[-1], rel=0.02)
+
+
+def test_a_path_that_seems_longer_seems_to_bend_less() -> None:
+    """Of 1 % more length 1 % less curvature: -3.3e-5 1/m, in the lateral profile and in its turn from step to step."""
+    longer, step = 0.01, ON_CURVE_M[1]
+    found = errors_in_a_curve(0.0, longer)
+    bent = 2.0 * np.polyfit(ON_CURVE_M, found.lateral[0], 2)[0]
+    assert bent == pytest.approx(-longer / RADIUS_M, rel=0.02)
+    turn = np.polyfit(ON_CURVE_M, found.turn[0] / step, 1)[0]
+    assert turn == pytest.approx(-longer / RADIUS_M, rel=0.02)
