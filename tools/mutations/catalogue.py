@@ -389,7 +389,7 @@ _OUTPUT = (
             _one("the gyro's bridge has one end only", "* f * (1.0 - f)", "* f"),
             _one(
                 "tilt of the rails is over the base",
-                "(z_left - z_right) / self.meaning.gauge_m",
+                "(z_left - z_right) / self.meaning.tops_apart_m",
                 "(z_left - z_right) / self.meaning.cross_level_base_m",
             ),
         ),
@@ -398,7 +398,7 @@ _OUTPUT = (
         "trackfg/output/rail_profiles.py",
         ("tests/trackfg/output/test_geometry_sigmas.py",),
         (
-            _one("the right rail up is positive", "apart[2] / gauge", "-apart[2] / gauge"),
+            _one("the right rail up is positive", "apart[2] / distance", "-apart[2] / distance"),
             _one("sides do not change down the line", "left, right = right, left", "pass"),
         ),
     ),
