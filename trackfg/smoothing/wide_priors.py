@@ -68,6 +68,11 @@ sideways and upwards. On springs the point that follows the track lies where rol
 more from the reference point, whatever was measured with a tape."""
 
 
+_FARTHEST = np.array([np.inf, np.inf, 13.2, 1.7, 4.3])
+"""No vehicle is larger, m: half the length of a coach (26.4 m, UIC 567), half the width of the widest (3.4 m,
+Shinkansen), the height of the loading gauge G1 (UIC 505-1). A point further away follows no track: it is noise."""
+
+
 class _Scalar(NamedTuple):
     """A scalar of a prior: its ``column``; what to say of its value, and what the user can declare.
 
@@ -171,7 +176,7 @@ def wide_priors(run: SolvedRun) -> Reassessment:
             known = first.sigma[0]
             columns = {scalar.column: scalar for scalar in scalars if known[scalar.column] >= scalar.least_sd}
             far = [c for c, scalar in columns.items() if abs(judged.sigmas[c]) > scalar.limit]
-            if kind is Kind.MOUNT and not _shows_mounting(run):
+            if kind is Kind.MOUNT and not _shows_mounting(run, judged.alone[far], _FARTHEST[far]):
                 far = []
             if kind is Kind.IMU and far and (without_noise := _of_motion(run, problem)) is not None:
                 any_changed, problem = True, without_noise
@@ -195,13 +200,13 @@ def wide_priors(run: SolvedRun) -> Reassessment:
     return Reassessment(problem, tuple(findings), tuple(doubts), changed=any_changed)
 
 
-def _shows_mounting(run: SolvedRun) -> bool:
-    """Return whether the solution may contradict what is known of the mounting.
+def _shows_mounting(run: SolvedRun, far: Array, farthest: Array) -> bool:
+    """Return whether the solution may contradict what is known of the mounting, by values ``far`` from it.
 
-    Noise of which there is more than assumed looks like a direction of travel, and a mounting with which the line is
-    steeper than any is wrong itself.
+    Noise of which there is more than assumed looks like a direction of travel. And a mounting with which the line is
+    steeper than any, or that is outside of every vehicle, is wrong itself.
     """
-    return not (others_are_worse(run, 1.0) or is_steeper_than_any_line(run))
+    return not (others_are_worse(run, 1.0) or is_steeper_than_any_line(run) or (np.abs(far) > farthest).any())
 
 
 def _widest_calibration(declared: Problem, prior: Family) -> Array:

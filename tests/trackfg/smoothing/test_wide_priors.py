@@ -162,6 +162,16 @@ def test_a_mounting_with_which_no_line_could_be_climbed_is_not_believed(
     assert mounting_sd(wide_priors(steep).problem)[0] == mounting_sd(run.declared)[0]
 
 
+def test_a_point_outside_of_every_vehicle_is_not_believed(smoothed: Callable[..., SmoothedStates]) -> None:
+    run = smoothed("mainline", seed=0, duration_s=TOTAL_S)
+    believed = []
+    for up_m in (3.0, 5.0):
+        moved = replace(run.solution.states, mount=run.solution.states.mount + np.array([0.0, 0.0, 0.0, 0.0, up_m]))
+        seen = replace(run, solution=replace(run.solution, states=moved), noise_ratios={"accel": 1.0})
+        believed.append(mounting_sd(wide_priors(seen).problem)[4] > 2.0 * mounting_sd(run.declared)[4])
+    assert believed == [True, False]
+
+
 def mounting_sd(problem: Problem) -> np.ndarray:
     prior = family_of(problem.families, FactorType.PRIOR_MOUNT)
     assert prior is not None
