@@ -39,6 +39,7 @@ from trackfg.cli.options import (
     Quiet,
     ResultFolder,
     TableFile,
+    limit_choice,
     newest_map,
     out_file,
     with_options,
@@ -440,7 +441,7 @@ def plot(
     path = picture_path(out or folder.parent / f"{folder.name}.png")
     _refuse_inside(result, path)
     content = Result.read(result)
-    choice = _limit_choice(limits, level, line_speed)
+    choice = limit_choice(limits, level, line_speed)
     from_m, to_m = _range(content, first, last)
     if content.geometry.empty and choice is None and from_m is None and to_m is None:
         with working("chart"):
@@ -519,7 +520,7 @@ def report(asked: ReportOptions) -> None:
             asked.folder,
             asked.out or whole.parent / f"{whole.name}.html",
             recording=asked.recording,
-            limits=_limit_choice(asked.limits, asked.level, asked.line_speed),
+            limits=limit_choice(asked.limits, asked.level, asked.line_speed),
             km=asked.km,
             background=asked.background,
         )
@@ -531,16 +532,6 @@ def report(asked: ReportOptions) -> None:
 def _refuse_inside(result: Path, path: Path) -> None:
     if real_path(path).parent == real_path(result):
         raise BadInputError(f"{path}: lies in the result, which holds nothing but its own files: choose another place")
-
-
-def _limit_choice(source: str | None, level: str | None, line_speed: float | None) -> LimitChoice | None:
-    from trackfg.geometry.limits import LimitChoice
-
-    if source is not None:
-        return LimitChoice(source, level, line_speed)
-    if level is not None or line_speed is not None:
-        raise BadInputError("--level and --line-speed choose among limits: expected --limits too")
-    return None
 
 
 def _limit_lines(result: Result, choice: LimitChoice | None) -> list[LimitLine]:

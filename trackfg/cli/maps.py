@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from trackfg.cli.options import Commands, Json, Km, Level, Limits, TableFile, with_options
+from trackfg.cli.options import Commands, Json, Km, Level, Limits, LineSpeed, TableFile, limit_choice, with_options
 from trackfg.cli.terminal import progress_bar, show_or_tell, tell, working
 from trackfg.cli.terminal import show as show_table
 from trackfg.errors import BadInputError
@@ -111,6 +111,7 @@ class TrendChoices:
     out: Annotated[Path | None, typer.Option("-o", "--out", metavar="DIR", help="Folder for the tables.")] = None
     limits: Limits = None
     level: Level = None
+    line_speed: LineSpeed = None
     version: Version = None
     floor: Annotated[float, typer.Option(metavar="MM", min=0.0, help="Least rate of a trend, mm per month.")] = 0.1
     tonnage: Annotated[
@@ -137,7 +138,7 @@ def trends(options: TrendChoices) -> None:
     """
     from trackfg.cli import trend_tables
     from trackfg.cli.stored_runs import runs_of_map
-    from trackfg.geometry.limits import LimitChoice
+    from trackfg.geometry.limits import at_line_speed
     from trackfg.mapping.trends.trend_layers import trend_layers
     from trackfg.mapping.trends.trends import find_trends
     from trackfg.maps import read_map
@@ -146,9 +147,8 @@ def trends(options: TrendChoices) -> None:
     from trackfg.results.result import Result
     from trackfg.results.trends import TRENDS_FOLDER
 
-    if options.level is not None and options.limits is None:
-        raise BadInputError("--level chooses among limits: expected --limits too")
-    chosen = () if options.limits is None else LimitChoice(options.limits, options.level).table()
+    choice = limit_choice(options.limits, options.level, options.line_speed)
+    chosen = () if choice is None else at_line_speed(choice.table(), choice.line_speed_kmh)
     load = None if options.tonnage is None else trend_tables.read_tonnage(options.tonnage)
     if options.out is not None:
         TRENDS_FOLDER.refuse_foreign(options.out)

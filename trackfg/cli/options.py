@@ -23,6 +23,7 @@ from trackfg.cli.terminal import printed_as_json, set_quiet, working
 from trackfg.errors import BadInputError
 
 if TYPE_CHECKING:
+    from trackfg.geometry.limits import LimitChoice
     from trackfg.maps.feature_map import FeatureMap
 
 T = TypeVar("T")
@@ -44,6 +45,17 @@ Level = Annotated[str | None, typer.Option(metavar="NAME", help="Only the limits
 LineSpeed = Annotated[
     float | None, typer.Option(metavar="KMH", min=0.0, help="Speed of the line, for limits by speed.")
 ]
+
+
+def limit_choice(source: str | None, level: str | None, line_speed: float | None) -> LimitChoice | None:
+    """Return what a command's options say of limits, None for nothing; a level or a speed without limits is refused."""
+    from trackfg.geometry.limits import LimitChoice
+
+    if source is not None:
+        return LimitChoice(source, level, line_speed)
+    if level is not None or line_speed is not None:
+        raise BadInputError("--level and --line-speed choose among limits: expected --limits too")
+    return None
 
 
 def _place_for_file(path: Path | None) -> Path | None:

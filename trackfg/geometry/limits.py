@@ -177,7 +177,9 @@ def at_line_speed(limits: Iterable[Limit], line_speed_kmh: float | None) -> tupl
         low, high = limit.speed_from_kmh, limit.speed_to_kmh
         if low is not None or high is not None:
             if line_speed_kmh is None:
-                raise BadInputError(f"the limit {limit} holds at some speeds only: give the line's speed")
+                raise BadInputError(
+                    f"the limit {limit} holds at some speeds only: give the line's speed (--line-speed)"
+                )
             if (low is not None and line_speed_kmh <= low) or (high is not None and line_speed_kmh > high):
                 continue
         chosen.append(limit)

@@ -61,9 +61,10 @@ def find_trends(
 ) -> Trends:
     """Find the trends that runs over a map show together, of at least a rate, mm per month.
 
-    Rates are per month, or per unit of a ``load``, which has to be known on the date of each run. A run that is not
-    recognised on the map is left out. Raises :class:`~trackfg.errors.BadInputError` for fewer runs than a trend needs,
-    and one without a date.
+    Rates are per month, or per unit of a ``load``, which has to be known on the date of each run. The ``limits`` are
+    those that hold on the line: :func:`trackfg.geometry.limits.at_line_speed` chooses them by its speed. A run that is
+    not recognised on the map is left out. Raises :class:`~trackfg.errors.BadInputError` for fewer runs than a trend
+    needs, and one without a date.
     """
     by_cell, left_out = series(results, feature_map)
     twist_base_m = results[0].summary.geometry.twist_base_m
@@ -200,12 +201,13 @@ def _steps(places: Series, name: str, d: Drift) -> list[dict[str, Any]]:
 
 
 def _reached(places: Series, name: str, d: Drift, span: slice, limit: Limit, wear: Wear) -> dict[str, Any]:
-    """Return when the first cell of a trend reaches a limit."""
+    """Return when the first cell of a trend reaches a limit; of several at one time, that of the largest value."""
     part = replace(
         d, **{field: getattr(d, field)[span] for field in ("rate", "rate_sd", "value", "value_sd", "covariance")}
     )
     times = reached(part, limit.value_mm)
-    first = int(np.nanargmin(times[0]))
+    at_first = times[0] == np.nanmin(times[0])
+    first = int(np.argmax(np.where(at_first, np.abs(part.value), -1.0)))
     at = span.start + first
     on, earliest, latest = (_day(float(wear.days_at(time[first])), places.dates[-1]) for time in times)
     return {

@@ -96,6 +96,19 @@ def test_a_map_knows_the_results_that_it_was_made_of(year: Path) -> None:
     assert (nowhere.returncode, nowhere.stderr.count("does not say where its result is")) == (2, 1)
 
 
+def test_limits_by_speed_need_the_speed_of_the_line(tmp_path: Path) -> None:
+    limit = 'standard = "ours"\nparameter = "level"\nchord_m = 10.0\nlevel = "alert"\nkind = "peak"\nvalue_mm = 20.0\n'
+    (tmp_path / "limits.toml").write_text(f"[[limits]]\n{limit}speed_to_kmh = 80\n")
+    command = [sys.executable, "-m", "trackfg", "map", "trends", "line.gpkg", "--limits", "limits.toml"]
+    errors = []
+    for speed in ([], ["--line-speed", "60"]):
+        done = subprocess.run([*command, *speed], cwd=tmp_path, capture_output=True, text=True, check=False)
+        assert done.returncode == 2
+        errors.append(done.stderr)
+    assert "give the line's speed (--line-speed)" in errors[0]
+    assert "line.gpkg: no such file" in errors[1]
+
+
 def test_what_no_trend_can_be_told_from_is_refused(make_result: Callable[..., Result]) -> None:
     unused: Any = None
     undated = make_result(rows=20)

@@ -10,6 +10,7 @@ import pytest
 
 from trackfg.cli.trend_tables import read_tonnage
 from trackfg.errors import BadInputError
+from trackfg.geometry.limits import Limit
 from trackfg.mapping.trends.series import Series
 from trackfg.mapping.trends.trends import trends_of
 from trackfg.mapping.trends.wear import Wear
@@ -78,3 +79,12 @@ def test_a_table_of_tonnage_is_read(tmp_path: Path) -> None:
     path.write_text("date,mt\n2026-01-01,10\n2026-02-01T12:00:00Z,11.5\n")
     wear = read_tonnage(path)
     assert wear.at([datetime(2026, 1, 16, 18, tzinfo=UTC)]).tolist() == [10.75]
+
+
+def test_a_limit_that_a_trend_is_beyond_already_is_shown_with_the_largest_value(dip: Series, load: Wear) -> None:
+    limit = Limit(standard="ours", parameter="level", level="alert", kind="peak", value_mm=3.5, chord_m=10.0)
+    found = trends_of(dip, [(limit, "versine_level_mm")], load=load)
+    (row,) = found.reached.to_dict("records")
+    within = found.cells[found.cells["chainage_m"].between(row["from_m"], row["to_m"])]
+    assert abs(row["value_mm"]) == within["versine_level_mm"].abs().max()
+    assert row["reached_on"] == "2026-08-01"
