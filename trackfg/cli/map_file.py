@@ -18,7 +18,7 @@ from trackfg.config import SmoothConfig
 from trackfg.errors import BadInputError, printable
 from trackfg.files.owned_folder import refuse_unwritable
 from trackfg.fleet.machine import processes
-from trackfg.fleet.store import is_store
+from trackfg.fleet.store_head import is_store
 from trackfg.fleet.workers import mapped_here, mapped_on_cluster
 from trackfg.io.reader import read_recording
 from trackfg.mapping.joining.build import BLOCK, JoinableRun, Joining, Mapped, build_map, with_runs

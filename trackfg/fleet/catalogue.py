@@ -22,6 +22,9 @@ from trackfg.errors import BadInputError, did_you_mean, first_line, printable
 from trackfg.files.parquet import read_parquet
 from trackfg.files.small_file import read_small
 from trackfg.fleet.places import is_recording, is_url
+from trackfg.fleet.store_head import is_store
+from trackfg.io.description_reader import FILE_NAME
+from trackfg.results.result import RESULT_FOLDER
 
 COLUMNS = ("recording", "line", "map", "known_line", "settings", "tags", "run")
 """Columns of a table; all but the first may be absent or empty."""
@@ -33,6 +36,8 @@ UNKNOWN_LINE = "unknown"
 """The line of a run whose catalogue names none."""
 
 TABLE_SUFFIXES = (".csv", ".parquet")
+
+_COMMAS = "columns of a .csv table of runs are parted by commas"
 
 _NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,199}")
 """The name of a run is the name of a folder on every system."""
@@ -70,7 +75,7 @@ def read_catalogue(places: Sequence[str], defaults: Mapping[str, str] | None = N
     }
     runs = [run for place in places for run in _runs(place, given)]
     for what, values in (
-        ("recording", [run.recording for run in runs]),
+        ("recording", [_folder(run.recording) for run in runs]),
         ("run", [run.name for run in runs]),
     ):
         if len(set(values)) < len(values):
@@ -92,17 +97,53 @@ def _runs(place: str, defaults: Mapping[str, str]) -> Iterable[Run]:
 def _matches(pattern: str) -> list[str]:
     """Return the recordings that a pattern matches, sorted, without hidden ones; or the one place that it names.
 
-    What the description or archive of a named place holds is not looked at: its run fails if that is no recording.
+    What the description or archive of a named place holds is not looked at: its run fails if that is no recording. A
+    named folder with recordings in it is refused: no run was meant by it.
     """
     if is_url(pattern):
         return [pattern]
-    fitting = [pattern] if os.path.exists(pattern) else sorted(filter(is_recording, glob.glob(pattern, recursive=True)))
+    if os.path.exists(pattern):
+        if _holds_recordings(pattern):
+            raise BadInputError(
+                f"{printable(pattern)}: is no recording, but holds some; expected a recording, a table or a pattern. "
+                f"Hint: {printable(os.path.join(pattern, '*'))!r}, in quotes, means those in it"
+            )
+        fitting = [pattern]
+    else:
+        matched = {path for path in glob.glob(pattern, recursive=True) if is_recording(path) and not _is_other(path)}
+        fitting = sorted(path for path in matched if not _is_part(path, matched))
     recordings = [path for path in fitting if os.path.isdir(path) or path.endswith((".toml", ".zip"))]
     if not recordings:
         raise BadInputError(
             f"{printable(pattern)}: no recording is there; expected a table (.csv, .parquet), a recording, or a pattern"
         )
     return recordings
+
+
+def _is_part(path: str, matched: set[str]) -> bool:
+    """Return whether a path that a pattern matched is the description in a folder that it matched too."""
+    folder = _folder(path)
+    return folder != path and bool({folder, f"{folder}/"} & matched)
+
+
+def _folder(recording: str) -> str:
+    """Return the folder of a recording that is named by the description in it."""
+    return recording.removesuffix(f"/{FILE_NAME}")
+
+
+def _is_other(path: str) -> bool:
+    """Return whether a path is a folder that lies beside recordings and is none: a result, a store, more recordings.
+
+    Any other folder counts as a recording: its run says what is missing in it.
+    """
+    return RESULT_FOLDER.holds(Path(path)) or is_store(path) or _holds_recordings(path)
+
+
+def _holds_recordings(path: str) -> bool:
+    """Return whether a path is a folder of recordings and is none itself."""
+    if os.path.exists(os.path.join(path, FILE_NAME)):
+        return False
+    return next(glob.iglob(os.path.join(glob.escape(path), "*", FILE_NAME)), None) is not None
 
 
 def _of_table(path: Path, defaults: Mapping[str, str]) -> list[Run]:
@@ -120,7 +161,7 @@ def _of_table(path: Path, defaults: Mapping[str, str]) -> list[Run]:
         raise BadInputError(f"{path}: not a readable table of runs: {first_line(error)}") from error
     for column in table.columns:
         if column not in COLUMNS:
-            hint = did_you_mean(column, COLUMNS)
+            hint = _COMMAS if re.search(r"[;\t]", column) else did_you_mean(column, COLUMNS)
             raise BadInputError(
                 f"{path}: column {printable(str(column))!r}: expected {', '.join(COLUMNS)}"
                 + (f". Hint: {hint}" if hint else "")

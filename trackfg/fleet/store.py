@@ -32,13 +32,11 @@ import pyarrow.compute as pc
 from trackfg.errors import BadInputError, first_line
 from trackfg.files.owned_folder import refuse_unwritable, sole_writer
 from trackfg.files.parquet import read_parquet, write_parquet
-from trackfg.files.small_file import json_of
 from trackfg.fleet.key_figures import NEVER_EMPTY, PARTITIONS, RESULTS, SCHEMA
 from trackfg.fleet.places import exists, is_url, joined, matching, read, remove, write
+from trackfg.fleet.store_head import FORMAT, HEAD, is_head
 from trackfg.results.result import RESULT_FOLDER
 
-FORMAT = "trackfg-store/1"
-_HEAD = "store.json"
 _RUNS = "runs.parquet"
 
 Partition = tuple[str, str]
@@ -52,7 +50,7 @@ class Store:
         """Raise :class:`BadInputError` where something else is."""
         text = str(place).removeprefix("file://")
         self.place = text.rstrip("/") if is_url(text) else os.path.abspath(text)
-        head = joined(self.place, _HEAD)
+        head = joined(self.place, HEAD)
         if not exists(head):
             if matching(self.place, "*") or os.path.isfile(self.place):
                 raise BadInputError(f"{place}: exists and is not a trackfg store: choose another folder")
@@ -60,7 +58,7 @@ class Store:
                 if not is_url(self.place):
                     refuse_unwritable(Path(self.place))
                 write(head, json.dumps({"format": FORMAT}).encode() + b"\n")
-        elif not _is_store(head):
+        elif not is_head(head):
             raise BadInputError(f"{head}: expected the format {FORMAT!r}")
         self._places: dict[str, set[Partition]] = defaultdict(set)
 
@@ -134,20 +132,6 @@ class Store:
     def _file(self, place: Partition) -> str:
         folders = (f"{name}={quote(value, safe='')}" for name, value in zip(PARTITIONS, place, strict=True))
         return joined(self._catalogue, *folders, _RUNS)
-
-
-def is_store(place: str) -> bool:
-    """Return whether there is a store at a place."""
-    head = joined(place, _HEAD)
-    return exists(head) and _is_store(head)
-
-
-def _is_store(head: str) -> bool:
-    try:
-        content = json_of(read(head))
-    except (OSError, ValueError):
-        return False
-    return isinstance(content, dict) and content.get("format") == FORMAT
 
 
 def _table(path: str) -> pa.Table:

@@ -23,7 +23,8 @@ from trackfg.fleet.isolated_run import Outcome
 from trackfg.fleet.known_content import KnownContent
 from trackfg.fleet.places import PlaceError, local_files
 from trackfg.fleet.planning import PlannedRun, plan
-from trackfg.fleet.store import Store, is_store
+from trackfg.fleet.store import Store
+from trackfg.fleet.store_head import is_store
 
 from .conftest import StandIn
 

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import zipfile
+from collections.abc import Callable
 from pathlib import Path
 
 import pandas as pd
@@ -8,6 +9,8 @@ import pytest
 
 from trackfg.errors import BadInputError
 from trackfg.fleet.catalogue import Run, read_catalogue
+from trackfg.fleet.store import Store
+from trackfg.results.result import Result
 
 
 def write(folder: Path, text: str) -> str:
@@ -93,6 +96,26 @@ def test_a_pattern_matches_recordings_only(tmp_path: Path) -> None:
         matched("*.mapping.toml")
 
 
+def test_a_pattern_passes_over_results_stores_and_folders_of_recordings(
+    tmp_path: Path, make_result: Callable[..., Result], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in ("day1", "more/day2", "empty"):
+        (tmp_path / name).mkdir(parents=True)
+    for name in ("day1", "more/day2"):
+        (tmp_path / name / "recording.toml").write_text('format = "trackfg-recording/1"\n')
+    make_result(rows=20).write(tmp_path / "out1")
+    Store(tmp_path / "store")
+    monkeypatch.chdir(tmp_path)
+
+    def matched(pattern: str) -> list[str]:
+        return [Path(run.recording).relative_to(tmp_path).as_posix() for run in read_catalogue([pattern])]
+
+    assert matched("*") == ["day1", "empty"]
+    assert matched("**/day*/**") == ["day1", "more/day2"]
+    with pytest.raises(BadInputError, match=r"^more: is no recording, but holds some; .* Hint: 'more/\*'"):
+        matched("more")
+
+
 def test_what_is_named_is_not_passed_over(tmp_path: Path) -> None:
     mapping = tmp_path / "run1.mapping.toml"
     mapping.write_text('format = "trackfg-mapping/1"\n')
@@ -118,6 +141,8 @@ def test_names_depend_on_the_place_alone(tmp_path: Path) -> None:
         ("recording,line\na,7\n,7\n", "row 2: no recording"),
         ("recording,run\na,../b\n", r"row 1: run '\.\./b': expected letters"),
         ("recording\na\n./a\n", "is there 2 times: expected one row for each"),
+        ("recording\na\na/recording.toml\n", "recording .* is there 2 times"),
+        ("recording;line\na;7\n", r"column 'recording;line': expected .* Hint: .* parted by commas"),
         ("recording,run\na,x\nb,x\n", "run 'x' is there 2 times"),
         ("", "not a readable table of runs"),
     ],

@@ -18,7 +18,8 @@ from trackfg.errors import BadInputError, TrackfgError, first_line
 from trackfg.fleet.batch_progress import BatchState, batch_states
 from trackfg.fleet.key_figures import SCHEMA
 from trackfg.fleet.places import local_files
-from trackfg.fleet.store import Store, is_store
+from trackfg.fleet.store import Store
+from trackfg.fleet.store_head import is_store
 from trackfg.mapping.changes.overlay import SUMMARY_M
 from trackfg.mapping.trends.series import QUANTITIES
 from trackfg.report.numbers import duration
