@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import json as json_text
 import sys
-from collections.abc import Callable, Iterator
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated
@@ -77,6 +78,7 @@ def batch(options: BatchChoices) -> None:
     store = Store(options.out, create=not options.dry_run)
     known = KnownContent(store.known_content)
     planned = plan(runs, store, known)
+    _name_lost_lines(planned)
     if options.dry_run:
         sys.stdout.writelines(_planned_line(each, options.json) for each in planned)
         return
@@ -97,6 +99,21 @@ def batch(options: BatchChoices) -> None:
         tell(f"store: {options.out}")
     if failed:
         raise typer.Exit(_FAILED)
+
+
+def _name_lost_lines(planned: Sequence[PlannedRun]) -> None:
+    """Warn of runs that leave their line, since it is not named this time: a map of that line would miss them."""
+    lost = Counter(each.lost_line for each in planned if each.lost_line)
+    if not lost:
+        return
+    from trackfg.errors import printable
+    from trackfg.report.numbers import counted
+
+    for line, runs in sorted(lost.items()):
+        complain(
+            f"trackfg: warning: {counted(runs, 'run')} of line {printable(line)} in the store: now of line unknown, "
+            f"since none is named. Hint: --line {printable(line)}"
+        )
 
 
 def _planned_line(each: PlannedRun, json: bool) -> str:

@@ -97,6 +97,8 @@ def build_map_file(
                 built = build_map(runs, name=name or place.name, joining=joining)
             else:
                 built = with_runs(begun, runs, joining=joining)
+                if len(built.runs) == len(begun.runs):
+                    return begun  # of a store, each run was left out
         if place.path is not None:
             place.path.parent.mkdir(parents=True, exist_ok=True)
         try:

@@ -12,7 +12,7 @@ from typing import Any
 
 from trackfg.config import SmoothConfig
 from trackfg.files.small_file import json_of
-from trackfg.fleet.catalogue import Run
+from trackfg.fleet.catalogue import UNKNOWN_LINE, Run
 from trackfg.fleet.freshness import (
     Inputs,
     algorithm,
@@ -35,13 +35,15 @@ _COLUMNS = ("run", "status", "reason", "recording", "tags", *Inputs._fields)
 class PlannedRun:
     """A run and why it is to be computed; ``why`` is empty where its result is fresh.
 
-    ``listed``: the store's catalogue has the row of that result as it is.
+    ``listed``: the store's catalogue has the row of that result as it is. ``lost_line``: the line under which it lists
+    the run, where the run names none now; empty otherwise.
     """
 
     run: Run
     settings: SmoothConfig
     why: str
     listed: bool = False
+    lost_line: str = ""
 
     @property
     def fresh(self) -> bool:
@@ -68,8 +70,9 @@ def plan(runs: Sequence[Run], store: Store, known: KnownContent) -> list[Planned
     planned = []
     for run in runs:
         row, inputs = listed.get(run.name), before.get(run.name)
+        lost_line = row["line"] if row is not None and row["line"] != run.line == UNKNOWN_LINE else ""
         if inputs is None:
-            planned.append(PlannedRun(run, settings[run.settings], _no_result(row)))
+            planned.append(PlannedRun(run, settings[run.settings], _no_result(row), lost_line=lost_line))
             continue
         now = Inputs(contents[run.recording], digests[run.settings], maps[run.map], software, lines[run.known_line])
         reasons = list(changes(inputs, now))
@@ -77,7 +80,7 @@ def plan(runs: Sequence[Run], store: Store, known: KnownContent) -> list[Planned
             page = _page(store.result(run.name)) or {}
             reasons.append(changed_settings(page, settings[run.settings]))
         as_it_is = row is not None and _is_listed(row, run, inputs)
-        planned.append(PlannedRun(run, settings[run.settings], "; ".join(reasons), as_it_is))
+        planned.append(PlannedRun(run, settings[run.settings], "; ".join(reasons), as_it_is, lost_line))
     return planned
 
 

@@ -198,6 +198,16 @@ def test_a_run_on_another_line_moves_in_the_catalogue(fleet: Fleet, stand_in: St
     assert (str(rows.loc["a", "line"]), rows.loc["a", "tags"]) == ("8", "summer")
 
 
+def test_runs_that_lose_their_line_are_named(fleet: Fleet, stand_in: StandIn) -> None:
+    recordings = [str(stand_in.recording(name)) for name in ("a", "b")]
+    store = str(fleet.folder / "store")
+    first = CliRunner().invoke(app, ["batch", *recordings, "-o", store, "--line", "7"])
+    again = CliRunner().invoke(app, ["batch", *recordings, "-o", store])
+    assert (first.exit_code, first.stderr.count("warning"), again.exit_code) == (0, 0, 0)
+    assert "2 runs of line 7 in the store: now of line unknown, since none is named. Hint: --line 7" in again.stderr
+    assert CliRunner().invoke(app, ["batch", *recordings, "-o", store]).stderr.count("warning") == 0
+
+
 def test_runs_at_fault_become_rows_and_the_others_are_done(fleet: Fleet, stand_in: StandIn) -> None:
     names = ("a", "segfault-1", "hang-1", "hog-1", "killed-1", "broken-1", "b")
     for name in names:

@@ -59,6 +59,8 @@ def test_a_run_that_is_not_of_the_line_is_named(
     assert sorted(built.runs["recording_id"]) == sorted(joined)
     lost = ride(1, seed=4).result.summary.recording_id
     assert f"trackfg: warning: left out: run {lost}: its track is not recognised" in capsys.readouterr().err
+    again = build_map_file([store.place], tmp_path / "line.gpkg", fleet=FleetRuns(line="7 up"))
+    assert again.version == 1, "no version without a new run"
 
 
 def test_a_store_of_several_lines_needs_one(store: Store, tmp_path: Path) -> None:
