@@ -131,6 +131,7 @@ def test_a_spreadsheet_keeps_its_names_in_sight_and_says_what_no_column_does(res
     assert book.properties.title == result.summary.recording_id
     about = "t_s counts from 2026-05-01 03:12:00+00:00; east_m, north_m, up_m count from 46.900000000, 7.400000000"
     assert book.properties.description.startswith(about)
+    assert book.properties.description.endswith("x_sd is the standard deviation of x, in its unit.")
 
 
 def test_layers_have_dates_as_geographic_systems_know_them(result, tmp_path):
@@ -145,6 +146,15 @@ def test_layers_have_dates_as_geographic_systems_know_them(result, tmp_path):
         ((date,),) = layers.execute("SELECT start_utc FROM path").fetchall()
     assert date.endswith("Z")
     assert pd.Timestamp(date) == START
+
+
+def test_the_layer_of_events_has_numbers_also_where_none_is_known(result, tmp_path):
+    pyogrio = pytest.importorskip("pyogrio")
+    quiet = replace(result, events=result.events.assign(distance_removed_m=np.nan))
+    info = pyogrio.read_info(_exported(quiet, "gpkg", tmp_path), layer="events")
+
+    types = dict(zip(info["fields"], info["dtypes"], strict=True))
+    assert types["distance_removed_m"] == "float64"
 
 
 def test_at_rest_a_vehicle_faces_as_when_it_last_moved():

@@ -92,7 +92,8 @@ class GeoPackage(ResultFormat):
         _layer(raw, path, "path", ("LineString Z", [line_wkb(_lon_lat_height(_vertices(track, options.step_m)))]), line)
         placed = [(event, place) for event, place in _placed_events(result, track, options) if place is not None]
         if placed:
-            fields = pd.DataFrame([event for event, _ in placed])
+            numbers = result.events.select_dtypes("float").columns  # also where no event has one
+            fields = pd.DataFrame([event for event, _ in placed]).astype(dict.fromkeys(numbers, "float64"))
             _layer(raw, path, "events", ("Point Z", [point_wkb(place) for _, place in placed]), fields)
 
 

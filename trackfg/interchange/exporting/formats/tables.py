@@ -78,8 +78,8 @@ def _about(result: Result) -> str:
     zero = "the recording's start" if start is None else start.isoformat(sep=" ")
     place = "the recording's start" if origin is None else "{:.9f}, {:.9f}, {:.4f} m (WGS 84)".format(*origin)
     return (
-        f"t_s counts from {zero}; east_m, north_m, up_m count from {place}. Names end in their unit; _sd is the "
-        "standard deviation of the column before it, in its unit."
+        f"t_s counts from {zero}; east_m, north_m, up_m count from {place}. Names end in their unit; x_sd is the "
+        "standard deviation of x, in its unit."
     )
 
 
