@@ -11,6 +11,9 @@ from typing import Any
 import pytest
 
 from trackfg.config import SmoothConfig
+from trackfg.fleet.catalogue import Run
+from trackfg.fleet.key_figures import failed_row
+from trackfg.fleet.store import Store
 from trackfg.interchange.exporting.channels import read_template
 from trackfg.interchange.importing.mapping import mapping_of
 
@@ -74,6 +77,21 @@ def test_the_example_of_the_graph_runs() -> None:
     for block in blocks(ROOT / "docs" / "graph.md", "python"):
         exec(compile(block, "graph.md", "exec"), names)
     assert "again" in names
+
+
+def test_the_catalogue_of_a_store_is_read_by_line_and_month(tmp_path: Path) -> None:
+    names: dict[str, Any] = {}
+    (block,) = blocks(ROOT / "docs" / "fleet.md", "python")
+    exec(compile(block, "fleet.md", "exec"), names)
+    of_runs = {"wanted": ("7", "2026-06"), "early": ("7", "2026-04"), "undated": ("7", "unknown")}
+    of_runs |= {"padded": ("007", "2026-06"), "other": ("8 north/west", "2026-06")}
+    rows = [
+        {**failed_row(Run(run, f"/recordings/{run}", line), "", ""), "month": month, "slips": 1}
+        for run, (line, month) in of_runs.items()
+    ]
+    Store(tmp_path).write(rows)
+    found = names["slipping"](str(tmp_path))
+    assert found[["run", "line", "month"]].to_numpy().tolist() == [["wanted", "7", "2026-06"]]
 
 
 def test_the_recording_from_tables_is_smoothed_and_usable(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
