@@ -27,11 +27,13 @@ _HEADS = {
     "overlay.json": "overlay",
     "baseline.json": "baseline's result",
     "checkpoint": "stream",
+    "store.json": "store",
 }
 """What trackfg calls the folders that hold these files."""
 _INSTEAD = {
     "recording": "trackfg smooth makes a result of a recording",
     "baseline's result": "trackfg compare makes pages about baselines",
+    "store": "its folder results has a result for each run",
     "stream": "smooth the recording that it was made from, or read its tables",
 }
 """What to do where another folder is expected, by kind."""

@@ -113,12 +113,20 @@ def test_no_work_begins_for_a_place_under_a_file(command: str, tmp_path: Path) -
 
 
 def test_folders_of_another_kind_are_named(tmp_path: Path) -> None:
-    heads = {"run": "recording.toml", "out": "summary.json", "live": "checkpoint", "base": "baseline.json"}
+    heads = {
+        "run": "recording.toml",
+        "out": "summary.json",
+        "live": "checkpoint",
+        "base": "baseline.json",
+        "store": "store.json",
+    }
     for name, head in heads.items():
         (tmp_path / name).mkdir()
         (tmp_path / name / head).write_text("{}")
     for command, what in (
         ("plot run", "run: is a recording; expected a trackfg result. Hint: trackfg smooth makes"),
+        ("limits store --limits cfr-213", "store: is a store; expected a trackfg result. Hint: its folder results"),
+        ("report store", "store: is a store; expected a folder that trackfg wrote: a result"),
         ("report run", "run: is a recording; expected a folder that trackfg wrote: a result"),
         ("report live", "live: is a stream; expected a folder that trackfg wrote: a result"),
         ("plot live", "live: is a stream; expected a trackfg result. Hint: smooth the recording"),
