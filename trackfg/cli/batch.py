@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json as json_text
 import sys
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -13,11 +13,12 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from trackfg.cli.options import with_options
-from trackfg.cli.terminal import complain, shows_progress, tell
+from trackfg.cli.terminal import complain, note, shows_progress, tell
 
 if TYPE_CHECKING:
     from trackfg.fleet.isolated_run import Outcome
     from trackfg.fleet.planning import PlannedRun
+    from trackfg.fleet.store import Store
 
 _FAILED = 1
 """Exit status where a run failed."""
@@ -92,6 +93,7 @@ def batch(options: BatchChoices) -> None:
     with _progress(wanted) as progress:
         outcomes = run_batch(planned, store, known, limits, progress)
     failed = [outcome for outcome in outcomes if outcome.reason is not None]
+    _name_copies(store, {outcome.name for outcome in outcomes if outcome.reason is None})
     if options.json:
         sys.stdout.writelines(_outcome_line(outcome) for outcome in outcomes)
     else:
@@ -114,6 +116,17 @@ def _name_lost_lines(planned: Sequence[PlannedRun]) -> None:
             f"trackfg: warning: {counted(runs, 'run')} of line {printable(line)} in the store: now of line unknown, "
             f"since none is named. Hint: --line {printable(line)}"
         )
+
+
+def _name_copies(store: Store, computed: set[str]) -> None:
+    """Name the runs of one recording that lies in several places, where one of them was computed: each counts."""
+    runs = defaultdict(list)
+    for row in store.read(("run", "status", "files_sha256")) if computed else ():
+        if row["status"] == "done" and row["files_sha256"]:
+            runs[row["files_sha256"]].append(row["run"])
+    copies = sorted(sorted(names) for names in runs.values() if len(names) > 1 and not computed.isdisjoint(names))
+    for first, *others in copies[:_NAMED]:
+        note(f"trackfg: note: run {first} has the same files as {', '.join(others)}: one recording, listed for each")
 
 
 def _planned_line(each: PlannedRun, json: bool) -> str:

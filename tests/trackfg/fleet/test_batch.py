@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import hashlib
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -206,6 +207,18 @@ def test_runs_that_lose_their_line_are_named(fleet: Fleet, stand_in: StandIn) ->
     assert (first.exit_code, first.stderr.count("warning"), again.exit_code) == (0, 0, 0)
     assert "2 runs of line 7 in the store: now of line unknown, since none is named. Hint: --line 7" in again.stderr
     assert CliRunner().invoke(app, ["batch", *recordings, "-o", store]).stderr.count("warning") == 0
+
+
+def test_copies_of_a_recording_are_named_when_they_are_computed(fleet: Fleet, stand_in: StandIn) -> None:
+    stand_in.recording("a")
+    for name in ("recordings", "prepared"):
+        shutil.copytree(fleet.folder / name / "a", fleet.folder / name / "b")
+    fleet.write("recordings/a,7,,a")
+    arguments = ["batch", str(fleet.table), "-o", str(fleet.folder / "store")]
+    said = [CliRunner().invoke(app, arguments).stderr]
+    fleet.write("recordings/a,7,,a", "recordings/b,7,,b")
+    said += [CliRunner().invoke(app, arguments).stderr for _ in range(2)]
+    assert [text.count("trackfg: note: run a has the same files as b") for text in said] == [0, 1, 0]
 
 
 def test_runs_at_fault_become_rows_and_the_others_are_done(fleet: Fleet, stand_in: StandIn) -> None:
