@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -14,7 +13,7 @@ from rich.text import Text
 
 from trackfg.cli.terminal import titled
 from trackfg.errors import BadInputError, first_line
-from trackfg.files.small_file import read_small
+from trackfg.files.csv_texts import read_csv_texts
 
 if TYPE_CHECKING:
     from trackfg.mapping.trends.wear import Wear
@@ -33,14 +32,15 @@ def read_tonnage(path: Path) -> Wear:
     from trackfg.mapping.trends.wear import DAY_S, Wear
 
     try:
-        table = pd.read_csv(BytesIO(read_small(path, _MOST_BYTES)), dtype="str", keep_default_na=False)
+        table = read_csv_texts(path, _MOST_BYTES)
     except (OSError, ValueError) as error:
         raise BadInputError(f"{path}: not a readable table of tonnage: {first_line(error)}") from error
     if missing := {"date", "mt"} - set(table):
         raise BadInputError(f"{path}: no column {min(missing)!r}; expected date and mt, million tonnes in all by then")
     dates = pd.to_datetime(table["date"], utc=True, errors="coerce", format="ISO8601")
     mt: Array = np.asarray(pd.to_numeric(table["mt"], errors="coerce"), dtype=np.float64)
-    days: Array = np.asarray((dates - pd.Timestamp(0, tz="UTC")) / pd.Timedelta(seconds=DAY_S), dtype=np.float64)
+    stamps = dates.dt.tz_localize(None).to_numpy(dtype="datetime64[us]")  # in ns, years such as 1000 overflow
+    days: Array = np.where(np.isnat(stamps), np.nan, stamps.astype(np.float64) / (1e6 * DAY_S))
     for column, wrong, expected in (
         ("date", np.isnan(days), "a date such as 2026-05-01"),
         ("mt", ~np.isfinite(mt), "million tonnes"),

@@ -12,13 +12,12 @@ import os
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from io import BytesIO
 from pathlib import Path
 
-import pandas as pd
 import pyarrow as pa
 
 from trackfg.errors import BadInputError, did_you_mean, first_line, printable
+from trackfg.files.csv_texts import read_csv_texts
 from trackfg.files.parquet import read_parquet
 from trackfg.files.small_file import read_small
 from trackfg.fleet.places import is_recording, is_url
@@ -36,8 +35,6 @@ UNKNOWN_LINE = "unknown"
 """The line of a run whose catalogue names none."""
 
 TABLE_SUFFIXES = (".csv", ".parquet")
-
-_COMMAS = "columns of a .csv table of runs are parted by commas"
 
 _NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,199}")
 """The name of a run is the name of a folder on every system."""
@@ -150,18 +147,17 @@ def _of_table(path: Path, defaults: Mapping[str, str]) -> list[Run]:
     if not path.exists():
         raise BadInputError(f"{path}: no such file; expected a table of runs, a recording, or a pattern")
     try:
-        content = read_small(path, _MOST_BYTES)
         if path.suffix.lower() == ".csv":
-            table = pd.read_csv(BytesIO(content), dtype=str, keep_default_na=False)
+            table = read_csv_texts(path, _MOST_BYTES)
         else:
-            columns = read_parquet(pa.BufferReader(content))
+            columns = read_parquet(pa.BufferReader(read_small(path, _MOST_BYTES)))
             texts = {name: columns[name].cast(pa.string()).fill_null("") for name in columns.column_names}
             table = pa.table(texts).to_pandas()
     except (OSError, ValueError) as error:
         raise BadInputError(f"{path}: not a readable table of runs: {first_line(error)}") from error
     for column in table.columns:
         if column not in COLUMNS:
-            hint = _COMMAS if re.search(r"[;\t]", column) else did_you_mean(column, COLUMNS)
+            hint = did_you_mean(column, COLUMNS)
             raise BadInputError(
                 f"{path}: column {printable(str(column))!r}: expected {', '.join(COLUMNS)}"
                 + (f". Hint: {hint}" if hint else "")

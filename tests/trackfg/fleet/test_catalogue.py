@@ -43,6 +43,12 @@ def test_what_a_row_leaves_out_comes_from_the_defaults(tmp_path: Path, monkeypat
     assert own.line == given.line == "7"
 
 
+def test_commas_at_the_ends_of_rows_shift_nothing(tmp_path: Path) -> None:
+    plain = read_catalogue([write(tmp_path, "recording,line\na,007\nb,8\n")])
+    assert plain == read_catalogue([write(tmp_path, "recording,line\r\na,007,,\r\nb,8,,\r\n")])
+    assert plain == read_catalogue([write(tmp_path, "recording,line,\na,007,\nb,8,\n")])
+
+
 def test_a_parquet_table_is_read_as_its_csv(tmp_path: Path) -> None:
     rows = pd.DataFrame({"recording": ["a", "b"], "line": [7, 8], "tags": [None, "winter"]})
     rows.to_parquet(tmp_path / "runs.parquet")
@@ -142,7 +148,8 @@ def test_names_depend_on_the_place_alone(tmp_path: Path) -> None:
         ("recording,run\na,../b\n", r"row 1: run '\.\./b': expected letters"),
         ("recording\na\n./a\n", "is there 2 times: expected one row for each"),
         ("recording\na\na/recording.toml\n", "recording .* is there 2 times"),
-        ("recording;line\na;7\n", r"column 'recording;line': expected .* Hint: .* parted by commas"),
+        ("recording;line\na;7\n", "its columns are parted by semicolons; expected commas"),
+        ("recording,line\na,7,b\n", "rows of 3 values; expected 2"),
         ("recording,run\na,x\nb,x\n", "run 'x' is there 2 times"),
         ("", "not a readable table of runs"),
     ],
@@ -150,6 +157,13 @@ def test_names_depend_on_the_place_alone(tmp_path: Path) -> None:
 def test_a_table_at_fault_is_named(tmp_path: Path, text: str, message: str) -> None:
     with pytest.raises(BadInputError, match=message):
         read_catalogue([write(tmp_path, text)])
+
+
+def test_a_table_in_another_encoding_is_named(tmp_path: Path) -> None:
+    for encoding in ("latin-1", "utf-16"):
+        (tmp_path / "runs.csv").write_bytes("recording,line\na,Zürich\n".encode(encoding))
+        with pytest.raises(BadInputError, match=r"runs\.csv: not a readable table of runs: its text is not UTF-8"):
+            read_catalogue([str(tmp_path / "runs.csv")])
 
 
 def test_a_pattern_that_nothing_fits_is_named(tmp_path: Path) -> None:

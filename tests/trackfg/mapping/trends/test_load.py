@@ -64,6 +64,8 @@ def test_a_run_before_the_first_row_has_no_load(dip: Series, load: Wear) -> None
         ("date,mt\n2026-01-01,1\n2026-01-01,2\n", "row 2, column date: '2026-01-01'; expected later dates"),
         ("date,mt\n2026-01-01,2\n2026-02-01,1\n", "row 2, column mt: '1'; expected what has passed in all"),
         ("date,mt\n2026-01-01,2\n2026-02-01,2\n", "no load between the first row and the last"),
+        ("date,mt\n2026-01-01,1000,5\n2026-02-01,1001,5\n", "rows of 3 values; expected 2"),
+        ("date,mt\n1000,2\n0900,3\n", "row 2, column date: '0900'; expected later dates"),
         ("date,mt\n2026-01-01,2\n", "no load between the first row and the last"),
     ],
 )
