@@ -84,15 +84,15 @@ def _assumed(parts: Mapping[str, Model], toml: str) -> list[Finding]:
     ]
 
 
-_STANDARD_GAUGE_M = 1.435
-"""The gauge to which the default base of the cross-level belongs."""
+_SAME_GAUGE_M = 0.02
+"""Gauges that differ by less are of one nominal size, m, widened or worn."""
 
 
 def _track(track: Track, toml: str, gnss_origin: Array | None) -> list[Finding]:
     found = []
     for key in ("gauge_m", "cross_level_base_m"):
         found += _unusual_size("error", "track-size", getattr(track, key), (0.3, 4.0), Section(toml, f"track.{key}"))
-    if "cross_level_base_m" not in track.model_fields_set and abs(track.gauge_m - _STANDARD_GAUGE_M) > 0.02:
+    if "cross_level_base_m" not in track.model_fields_set and abs(track.gauge_m - Track().gauge_m) > _SAME_GAUGE_M:
         message = f"is not stated; {track.cross_level_base_m:g} m is assumed, beside a gauge of {track.gauge_m:g} m"
         hint = "write the distance that cross-level refers to: of the middles of the rails' tops, or the gauge"
         found.append(Finding("info", "assumed", message, file=toml, column="track.cross_level_base_m", hint=hint))

@@ -550,33 +550,32 @@ def _range(result: Result, first: str | None, last: str | None) -> tuple[float |
 
     Two places may be in either order, since they may fall along the run.
     """
-    ends, numbers = [], []
-    for option, text in (("--from", first), ("--to", last)):
-        number = None if text is None else _number(text)
-        numbers.append(number)
-        ends.append(number if text is None or number is not None else _chainage(result, option, text))
-    from_m, to_m = ends
-    if from_m is None or to_m is None or numbers != [None, None]:
+    from_m, to_m = _chainage(result, "--from", first), _chainage(result, "--to", last)
+    if from_m is None or to_m is None or _number(first) is not None or _number(last) is not None:
         return from_m, to_m
     return min(from_m, to_m), max(from_m, to_m)
 
 
-def _number(text: str) -> float | None:
+def _number(text: str | None) -> float | None:
+    """Return the number that an option states; None where it is absent or states something else."""
     with suppress(ValueError):
-        return float(text)
+        return None if text is None else float(text)
     return None
 
 
-def _chainage(result: Result, option: str, place: str) -> float:
-    """Return the chainage of an official place of the result's line, m."""
+def _chainage(result: Result, option: str, text: str | None) -> float | None:
+    """Return the chainage that an option states, m, by a bare number or by an official place of the result's line."""
     from trackfg.results.official_places import shown_kilometrage
 
+    number = _number(text)
+    if text is None or number is not None:
+        return number
     line = shown_kilometrage(result, None)
     if line is None:
         hint = "Hint: official places need [kilometrage] in the recording (docs/kilometrage.md)"
-        raise BadInputError(f"{option} {place}: expected a chainage in m, such as 12345. {hint}")
+        raise BadInputError(f"{option} {text}: expected a chainage in m, such as 12345. {hint}")
     try:
-        return line.kilometrage().read(place)
+        return line.kilometrage().read(text)
     except ValueError as error:
         raise BadInputError(f"{option}: {error}") from error
 

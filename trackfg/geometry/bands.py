@@ -15,9 +15,9 @@ the second difference:
 ``G`` falls like W^8 to long wavelengths, so ``K`` is smooth and its tail falls exponentially. It is cut where the
 response as realised (:func:`realised_band_response`) is within 1e-4 of ``G`` at every wavelength.
 
-Beyond an end, or a hole, the second difference is continued by its mean over the last ``longest`` of the profile: a
-circle goes on as a circle. Within :func:`end_margin_m` of an end or a hole values are NaN: there the error of a sine
-could exceed 2 % of its amplitude, for wavelengths from ``shortest`` to four times ``longest``.
+Beyond an end, or a hole, the second difference is continued by its mean over the last ``longest`` of the profile, so
+that a circle continues as a circle. Values within :func:`end_margin_m` of an end or a hole are NaN. They could be wrong
+by more than 2 % of the amplitude of a sine whose wavelength is ``shortest`` to four times ``longest``.
 """
 
 from __future__ import annotations

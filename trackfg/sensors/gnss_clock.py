@@ -6,11 +6,12 @@ the left. So within a window of a minute the positions z, stamped t, on a clock 
 
     z = a + b (p + l e)(t + T) + c q(t + T),   e = exp(i integral of w),   p' = v e,   q' = (t - t_middle) p',
 
-a, b, c complex. Where no l is declared, ``d = b l`` is another complex parameter, within a vehicle's length of 0: an
-antenna ahead of the path is no clock that is early. For each T on a grid least squares leave the sum of squares S(T) in
-each of the windows. Noise differs from one to another, so the sum of ``n log S`` over all is least at the most likely
-T. Its sigma is that of M-estimators with errors that are correlated within windows (Huber 1967, the sandwich; windows
-are its clusters): with the derivatives g of each window's part and h of second order, ``sd = sqrt(sum g^2) / sum h``.
+a, b, c complex. An antenna ahead of the path looks like a clock that is early. So where no l is declared, ``d = b l``
+is another complex parameter of each window, with a prior at 0. For each T on a grid least squares leave the sum of
+squares S(T) in each of the windows. Noise differs from one to another, so the sum of ``n log S`` over all is least at
+the most likely T. Its sigma is that of M-estimators with errors that are correlated within windows (Huber 1967, the
+sandwich; windows are its clusters): with the derivatives g of each window's part and h of second order, ``sd = sqrt(sum
+g^2) / sum h``.
 """
 
 from __future__ import annotations
@@ -65,11 +66,11 @@ def gnss_clock(recording: Recording) -> GnssClock | None:
     That is without a tach or GNSS, with fewer than three windows in motion, and where the best offset is at an end of
     the range.
     """
-    gnss, part = recording.gnss, recording.description.gnss
-    motion = averaged(recording.imu, recording.tach, _STEP_S)
-    if gnss is None or part is None or recording.tach is None or motion is None:
+    gnss, part, tach = recording.gnss, recording.description.gnss, recording.tach
+    if gnss is None or part is None or tach is None or len(gnss) < _FEWEST_WINDOWS * _WINDOW_POSITIONS:
         return None
-    if len(gnss) < _FEWEST_WINDOWS * _WINDOW_POSITIONS:
+    motion = averaged(recording.imu, tach, _STEP_S)
+    if motion is None:
         return None
     heading = np.cumsum(motion.gyro[:, 2]) * motion.step_s
     velocity = motion.speed * np.exp(1j * (heading - 0.5 * motion.gyro[:, 2] * motion.step_s))

@@ -99,7 +99,7 @@ def noise_levels(run: SolvedRun) -> Reassessment:
             adapted = _with_level(run, adapted, kind, slice(None), residuals[name])
     if walk is not None:
         adapted = _with_level(run, adapted, FactorType.BIAS_WALK, _WALKS["gyro_walk"], walk)
-        grade = levels(run.declared, adapted)["gyro_walk"]
+        grade = levels(run.declared, adapted).get("gyro_walk", 1.0)
         adapted = _with_level(run, adapted, FactorType.BIAS_WALK, _WALKS["accel_walk"], walk, grade)
     return Reassessment(adapted, _findings(replace(run, problem=adapted)), changed=adapted is not problem)
 

@@ -145,7 +145,7 @@ def converted(tables: Sequence[SourceTable], mapping: Mapping, *, run_id: str) -
     start_ns = _start(parts, mapping, next((t.start_ns for t in tables if t.start_ns is not None), None))
     description, files = _described(parts, mapping, start_ns, run_id)
     notes = dict.fromkeys(text for part in parts for text in (*part.times.notes, *part.notes))
-    origins = {file: _origin(part, file) for file, part in ((_file_of(part), part) for part in parts)}
+    origins = {_file_of(part): _origin(part) for part in parts}
     return Conversion(description, files, mapping.name, tuple(notes), origins)
 
 
@@ -154,11 +154,11 @@ def _file_of(part: _Part) -> str:
     return f"{part.sensor.section.replace('[', '_').rstrip(']')}.parquet"
 
 
-def _origin(part: _Part, file: str) -> str:
+def _origin(part: _Part) -> str:
     """Return the user's name of a part's table, and of which table its rows are counted where that is another."""
     if part.whole is not None:
         return part.whole.name
-    return f"{file} of {' and '.join(part.sensor.files)}"
+    return f"{_file_of(part)} of {' and '.join(part.sensor.files)}"
 
 
 def table_named(tables: Sequence[SourceTable], pattern: str, section: str) -> SourceTable:
