@@ -10,8 +10,8 @@ a, b, c complex. An antenna ahead of the path looks like a clock that is early. 
 is another complex parameter of each window, with a prior at 0. For each T on a grid least squares leave the sum of
 squares S(T) in each of the windows. Noise differs from one to another, so the sum of ``n log S`` over all is least at
 the most likely T. Its sigma is that of M-estimators with errors that are correlated within windows (Huber 1967, the
-sandwich; windows are its clusters): with the derivatives g of each window's part and h of second order, ``sd = sqrt(sum
-g^2) / sum h``.
+sandwich; windows are its clusters): with the derivatives g of each window's part and h of second order,
+``sd = sqrt(sum g^2) / sum h``.
 """
 
 from __future__ import annotations
