@@ -188,10 +188,11 @@ def _into_folder(
             stream = opened(saved)
             note(f"{out}: {_place(saved, stream)}")
             return stream.run(ParquetParts(out, state=saved.sink), checkpoints, watch)
-    unfinished = out / f"{UNFINISHED}{_CHECKPOINT}"
-    if unfinished.exists():
+    left = list(out.glob(f"{UNFINISHED}{_CHECKPOINT}*"))
+    if left:
         with sole_writer(out):
-            unfinished.unlink(missing_ok=True)  # of a stream that was killed before it began
+            for path in left:  # of a stream that was killed before it began
+                path.unlink(missing_ok=True)
     if checkpoints.path.exists() and not checkpoints.read().finished:
         raise BadInputError(f"{out}: holds an unfinished stream: go on with it by --resume, or choose another folder")
     refuse_used(out, _NEVER_ADDED)

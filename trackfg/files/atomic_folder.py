@@ -28,7 +28,7 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 from trackfg.errors import OutputError
-from trackfg.files.locks import CANNOT_LOCK, lock_file
+from trackfg.files.locks import locked_file
 from trackfg.files.temporary_folder import temporary_folder
 
 _LOCK, _NEW, _OLD, _DISCARDED = "lock", "new", "old", "discarded"
@@ -184,25 +184,14 @@ def _workspace(target: Path) -> Iterator[Path]:
 
 
 def _lock(workspace: Path, *, wait: bool) -> int | None:
-    """Return the open lock of a workspace; None where another process holds it, or has just removed it."""
-    path = workspace / _LOCK
+    """Return the open lock of a workspace; None where another process holds it, or has just removed it.
+
+    Without locks on the file system, what a killed process left stays until it is removed by hand.
+    """
     try:
-        descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW, 0o600)
+        return locked_file(workspace / _LOCK, wait=wait)
     except (FileNotFoundError, NotADirectoryError, PermissionError):
         return None
-    try:
-        lock_file(descriptor, wait=wait)
-        if os.path.samestat(os.fstat(descriptor), path.stat()):
-            return descriptor
-    except (BlockingIOError, FileNotFoundError):
-        pass
-    except OSError as error:
-        if error.errno not in CANNOT_LOCK:
-            raise
-        if wait:
-            return descriptor  # no locks on this file system: what a killed process left stays until removed by hand
-    os.close(descriptor)
-    return None
 
 
 def _remove_leftovers(target: Path) -> None:
