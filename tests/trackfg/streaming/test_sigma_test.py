@@ -64,6 +64,20 @@ def test_directions_on_both_sides_of_the_cut_are_near() -> None:
     assert put_through(0.4, yaw=1.0).events(400.0) == ()
 
 
+@pytest.mark.parametrize("offset_s", [0.0, 0.05])
+def test_what_is_rough_between_rows_is_no_doubt(offset_s: float) -> None:
+    """At speed a sensor on an axle box pitches from row to row: filtered rows in between say nothing of its sigmas."""
+    draws = np.random.default_rng(2)
+    fine, test = np.arange(0.0, 400.0, 0.05), SigmaTest()
+    pitch = 20.0 * draws.standard_normal(len(fine))
+    at = np.arange(100, len(fine) - 2, 20) + round(offset_s / 0.05)
+    off = 0.4 * draws.standard_normal(len(at))
+    filtered = rows(fine[at], FILTERED_SD, pitch_rad=np.radians(pitch[at]) + off)
+    test.put(filtered, rows(fine[::2], SMOOTHED_SD, pitch_rad=np.radians(pitch[::2])))
+    assert test.events(400.0) == ()
+    assert test.sums[6, 1] / test.sums[6, 0] == pytest.approx(1.0, rel=0.15)
+
+
 def test_fixes_further_off_than_predicted_are_a_doubt() -> None:
     (event,) = fix_doubts(3, 0.9**2 + 1.3**2 + 4.6**2, 600.0)
     assert (event.kind, event.t_s) == (DOUBT, 600.0)
