@@ -18,6 +18,7 @@ from trackfg.factors.factor_type import FactorType
 from trackfg.factors.family import Family, changed, family_of
 from trackfg.factors.loss import Huber
 from trackfg.numerics.arrays import Array
+from trackfg.results.events import DOUBT, Event
 from trackfg.smoothing.gnss_errors import FEWEST, errors_seen
 from trackfg.solver.covariance import Covariance
 from trackfg.solver.leave_one_out import predicted
@@ -26,6 +27,10 @@ from trackfg.streaming.window.window import Window
 _MOST = 600
 """Positions that are remembered: ten minutes of them once a second, as long as the runs that the batch's judgement was
 tried on; errors change with the surroundings."""
+
+_FAR = 10.0
+"""Declared sigmas that no receiver is off most of the time, also where houses stand: 2 m declared are 5-10 m there.
+Positions with east and north exchanged are off by thousands."""
 
 _SAME_S = 1e-6
 """Times nearer than this are of one position, s."""
@@ -80,6 +85,17 @@ class GnssRecord:
         if len(self.t) >= FEWEST:
             seen = errors_seen(self.t, self.residual, self.variance, weighted=bool(np.any(self.factor > 1.0)))
             self.factor, self.lasting = np.maximum(seen.factor, 1.0), float(np.sqrt(np.median(seen.correlation)))
+
+    def events(self, until_s: float) -> tuple[Event, ...]:
+        """Return an event where most positions are further off than any receiver's, known at the end of a stream."""
+        if len(self.t) < FEWEST:
+            return ()
+        off = float(np.median(np.linalg.norm(self.residual[:, :2], axis=1)))
+        if off < _FAR:
+            return ()
+        what = f"most GNSS positions are {off:.0f} declared sigmas or more from where the other sensors have them"
+        advice = "check the order, unit and sigmas of gnss.position and the axes of the gyro, or smooth the recording"
+        return (Event(DOUBT, t_s=until_s, detail=f"position, yaw, chainage, speed: {what}: {advice}"),)
 
     def weigh(self, window: Window, width: float) -> Window:
         """Return the window with the sigmas of its positions multiplied by their factors, and a loss of that ``width``

@@ -17,7 +17,8 @@ from trackfg.factors.gnss import gnss_position
 from trackfg.factors.loss import Huber
 from trackfg.factors.states import States
 from trackfg.recording.model import Recording
-from trackfg.streaming.fixed_lag import FixedLagSmoother
+from trackfg.results.events import DOUBT
+from trackfg.streaming.fixed_lag import Estimates, FixedLagSmoother
 from trackfg.streaming.intake.intake import Intake
 from trackfg.streaming.sources.source import RecordingSource
 from trackfg.streaming.window.gnss_record import GnssRecord
@@ -54,6 +55,16 @@ def test_errors_that_last_widen_the_sigmas_while_they_do() -> None:
     assert np.median(one.factor[:180]) < 1.3
 
 
+def test_positions_that_contradict_the_other_sensors_are_a_doubt() -> None:
+    residual = np.random.default_rng(2).standard_normal((300, 3))
+    residual[:140, 0] += 40.0  # less than half of the run
+    assert record(residual).events(300.0) == ()
+    residual[:160, 0] += 40.0
+    (event,) = record(residual).events(300.0)
+    assert event.kind == DOUBT
+    assert "position, yaw, chainage, speed: most GNSS positions are 40 declared sigmas or more" in event.detail
+
+
 def test_positions_of_the_window_have_their_own_factor_and_those_to_come_the_newest() -> None:
     one = record(np.zeros((12, 3)))
     one.factor = np.repeat(np.arange(1.0, 13.0)[:, None], 3, axis=1)
@@ -81,12 +92,15 @@ def run() -> Simulation:
     return simulate(replace(plan, driver=driver, adhesion=None, gnss=gnss, balises=None), seed=3, duration_s=120.0)
 
 
-def smoothed(recording: Recording) -> pd.DataFrame:
+def streamed(recording: Recording) -> list[Estimates]:
     source = RecordingSource(recording, batch_s=1.0)
     smoother, intake = FixedLagSmoother(source.description, lag_s=20.0), Intake.of(source)
     pieces = [smoother.put(intake.push(batch)[0]) for batch in source]
-    pieces += [smoother.put(intake.finish()[0]), smoother.finish()]
-    return pd.concat([piece.smoothed for piece in pieces])
+    return [*pieces, smoother.put(intake.finish()[0]), smoother.finish()]
+
+
+def smoothed(recording: Recording) -> pd.DataFrame:
+    return pd.concat([piece.smoothed for piece in streamed(recording)])
 
 
 @pytest.mark.slow
@@ -101,3 +115,15 @@ def test_a_street_canyon_is_not_followed_at_its_declared_sigmas(run: Simulation)
         off = table[name].to_numpy() - np.interp(table["t_s"], clean["t_s"], clean[name])
         error[name] = np.abs(off) / table[f"{name}_sd"]
     assert max(values.max() for values in error.values()) < 4.0
+
+
+@pytest.mark.slow
+def test_east_and_north_exchanged_are_a_doubt_of_the_stream() -> None:
+    run = simulate("mainline-gnss", seed=1, duration_s=180.0).recording
+    assert run.gnss is not None
+    exchanged = run.gnss.rename(columns={"east_m": "north_m", "north_m": "east_m"})
+    said = [
+        [event.detail for event in estimates.events if "GNSS positions" in event.detail]
+        for estimates in (streamed(replace(run, gnss=gnss))[-1] for gnss in (run.gnss, exchanged))
+    ]
+    assert [len(details) for details in said] == [0, 1]
