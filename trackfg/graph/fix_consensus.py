@@ -34,7 +34,7 @@ _SHARE = 0.005
 """Sigma of a rolling wheel's scale within a run, from creep under force and in curves: of the distance. Half a step of
 the grid of scales is in it, too."""
 
-_WIDE_SHARE = 0.05
+WIDE_SHARE = 0.05
 """Sigma of the distance that an unnoticed slip or slide takes, of the distance: more than that shows against the
 accelerometer (:mod:`trackfg.graph.wheel_slip`)."""
 
@@ -80,6 +80,11 @@ class Passages:
     def __len__(self) -> int:
         return len(self.place)
 
+    @property
+    def line_m(self) -> float:
+        """Length of the line, as far as the run shows it, m."""
+        return float(max(np.ptp(self.place), np.ptp(self.rolled), SHORTEST_LINE_M))
+
     def take(self, index: np.ndarray) -> Passages:
         """Return some of them."""
         return Passages(*(getattr(self, name)[index] for name in self.__dataclass_fields__))
@@ -115,6 +120,16 @@ def consensus(passages: Passages, scale_sd: float) -> Consensus:
     return Consensus(right[group], (int(right.sum()), rival))
 
 
+def wrong_is_likelier(error: Array | float, variance: Array | float, line_m: float) -> np.ndarray:
+    """Return of which fixes it is likelier that they are wrong than that all else has erred unnoticed.
+
+    ``error``: how far they are from where all else has them, m; ``variance``: of that, had it erred, m^2. A wrong one
+    may be anywhere on the line.
+    """
+    erred = np.log(ERRED * (1.0 - WRONG)) - 0.5 * (np.square(error) / variance + np.log(2.0 * np.pi * variance))
+    return np.asarray(erred <= np.log(WRONG / line_m))
+
+
 def _places(passages: Passages) -> np.ndarray:
     """Return the number of the place that each fix reads, counted from 0. Shape (n,)."""
     again = np.abs(np.diff(passages.place)) <= passages.sd[:-1]
@@ -128,7 +143,7 @@ def _variances(passages: Passages, i: np.ndarray, j: np.ndarray, levels: Array) 
     both = passages.sd[i] ** 2 + passages.sd[j] ** 2
     wheel = passages.variance[j] - passages.variance[i] + (_SHARE * rolled) ** 2
     narrow = levels[:, None] ** 2 * both + wheel
-    return narrow, narrow + (_WIDE_SHARE * rolled + passages.unknown[j] - passages.unknown[i]) ** 2
+    return narrow, narrow + (WIDE_SHARE * rolled + passages.unknown[j] - passages.unknown[i]) ** 2
 
 
 def _step_cost(passages: Passages, i: np.ndarray, j: int) -> Array:
@@ -148,7 +163,7 @@ def _step_cost(passages: Passages, i: np.ndarray, j: int) -> Array:
 def _most_likely(passages: Passages, scale_sd: float) -> np.ndarray:
     """Return the most likely choice of right fixes, (n,) of bool."""
     n, levels, scales = len(passages), len(_LEVELS), len(_LOG_SCALES)
-    line = np.log(max(np.ptp(passages.place), np.ptp(passages.rolled), SHORTEST_LINE_M))
+    line = np.log(passages.line_m)
     wrong, right = line - np.log(WRONG), -np.log1p(-WRONG)
     cost = np.empty((n, levels, scales))
     before = np.full((n, levels, scales), -1)

@@ -16,7 +16,7 @@ from trackfg.factors.factor_type import FactorType
 from trackfg.factors.family import Family, family_of
 from trackfg.factors.odometry import followed_fix, withheld_fix
 from trackfg.graph.build import Problem
-from trackfg.graph.fix_consensus import Consensus, Passages, consensus
+from trackfg.graph.fix_consensus import WIDE_SHARE, Consensus, Passages, consensus, wrong_is_likelier
 from trackfg.numerics.arrays import Array
 from trackfg.recording.findings import Finding
 from trackfg.results.verdict import Doubt
@@ -82,6 +82,7 @@ def wrong_fixes(run: SolvedRun) -> Reassessment:
         level = before
     rescaled = replace(fixes, sigma=fixes.sigma * (level / before))
     wrong = _wrong_alone(fixes.slots[0].index, one.in_sigmas(rescaled.sigma)[:, 0])
+    wrong &= _likelier_wrong(problem, rescaled, one.error[:, 0], predicted)
     used, aside = rescaled.take(~wrong), withheld_fix(rescaled.take(wrong))
     changed = bool(wrong.any()) or level != before
     if withheld is not None:
@@ -155,6 +156,20 @@ def _wrong_alone(index: np.ndarray, z: Array) -> np.ndarray:
     wrong = np.zeros(len(z), dtype=bool)
     wrong[order] = (size > _GATE_SIGMAS) & (size > _ALONE * around)
     return wrong
+
+
+def _likelier_wrong(problem: Problem, fixes: Family, error: Array, predicted: Array) -> np.ndarray:
+    """Return of which fixes (n,) an ``error``, m, beside a ``predicted`` variance, m^2, is likelier theirs than that of
+    what predicts them.
+
+    A wrong fix may be anywhere on the line. Wheel and GNSS that err unnoticed do so by a share of the way from the next
+    fix, as in :mod:`trackfg.graph.fix_consensus`.
+    """
+    passages = _passages(problem, fixes)
+    gaps = np.diff(passages.length)
+    way = np.minimum(np.append(gaps, passages.line_m), np.append(passages.line_m, gaps))
+    variance = predicted + fixes.sigma[:, 0] ** 2 + (WIDE_SHARE * way) ** 2
+    return wrong_is_likelier(error, variance, passages.line_m)
 
 
 def _in_order(fixes: Family) -> Family:

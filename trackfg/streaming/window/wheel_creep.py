@@ -36,7 +36,7 @@ from trackfg.factors.family import Family, changed, family_of
 from trackfg.factors.marginal_prior import with_scale_walked
 from trackfg.factors.odometry import MOST_CREEP
 from trackfg.factors.states import Odo
-from trackfg.graph.fix_consensus import ERRED, SHORTEST_LINE_M, WRONG
+from trackfg.graph.fix_consensus import SHORTEST_LINE_M, wrong_is_likelier
 from trackfg.graph.odometry import ROLLED_AT_REST_M
 from trackfg.numerics.arrays import Array
 from trackfg.results.events import DOUBT, Event
@@ -75,9 +75,8 @@ class Creep:
 
     def is_likely(self, variance: float) -> bool:
         """Return whether it is likelier than a wrong fix; ``variance`` (m^2) is that of the difference without it."""
-        wide = variance + self.variance
-        crept = np.log(ERRED * (1.0 - WRONG)) - 0.5 * (self.further_m**2 / wide + np.log(2.0 * np.pi * wide))
-        return bool(crept > np.log(WRONG / max(SHORTEST_LINE_M, abs(self.way_m))))
+        line_m = max(SHORTEST_LINE_M, abs(self.way_m))
+        return not wrong_is_likelier(self.further_m, variance + self.variance, line_m)
 
     def event(self, t: float) -> Event:
         """Return the event of a fix at ``t``, s, that shows the creep."""
