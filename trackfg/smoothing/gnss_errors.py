@@ -88,7 +88,7 @@ _FAR = 1.5
 """Positions whose level is so much above the median one are a class of their own: in the open, levels within 10 s
 scatter by a quarter."""
 
-_LONGEST_S = 120.0
+LONGEST_S = 120.0
 """No error is looked for that lasts longer, s: multipath of a receiver at rest repeats with the satellites, but that of
 one in motion changes with the place."""
 
@@ -273,7 +273,7 @@ def _correlation(t: Array, residual: Array, followed: Array, part: np.ndarray) -
     followed_there = float(np.mean(np.minimum(followed[part], _MOST_FOLLOWED)))
     variance = float(np.mean(residual[part] ** 2)) + followed_there
     rho: list[float] = []
-    longest = max(1, min(int(np.count_nonzero(part)) // _LAGS_OF_POSITIONS, int(_LONGEST_S / interval)))
+    longest = max(1, min(int(np.count_nonzero(part)) // _LAGS_OF_POSITIONS, int(LONGEST_S / interval)))
     for lag in range(1, longest + 1):
         pairs = part[:-lag] & part[lag:] & (np.abs(t[lag:] - t[:-lag] - lag * interval) < 0.5 * interval)
         count = int(pairs.sum()) * residual.shape[1]

@@ -5,6 +5,10 @@ positions that share an error count once. The record holds each position's resid
 at each relinearisation pass the batch's own judgement of level and correlation (:mod:`trackfg.smoothing.gnss_errors`)
 says by what factor the declared sigmas are too small: of the positions in the window each its own, of those to come
 that of the newest one. A stream only widens them: what it has marginalised it cannot doubt any more.
+
+If the stream is what errs, its residuals grow as positions lose their weight, and they would lose more. So where they
+have had little for longer than a receiver's errors last, and residuals are beyond the level that was seen when that
+began, positions get their weight back, and what was written meanwhile is doubted.
 """
 
 from __future__ import annotations
@@ -19,7 +23,7 @@ from trackfg.factors.family import Family, changed, family_of
 from trackfg.factors.loss import Huber
 from trackfg.numerics.arrays import Array
 from trackfg.results.events import DOUBT, Event
-from trackfg.smoothing.gnss_errors import FEWEST, errors_seen
+from trackfg.smoothing.gnss_errors import FEWEST, LONGEST_S, errors_seen, have_grown
 from trackfg.solver.covariance import Covariance
 from trackfg.solver.leave_one_out import predicted
 from trackfg.streaming.window.window import Window
@@ -32,6 +36,12 @@ _FAR = 10.0
 """Declared sigmas that no receiver is off most of the time, also where houses stand: 2 m declared are 5-10 m there.
 Positions with east and north exchanged are off by thousands."""
 
+_LITTLE = 3.0
+"""Factor on the declared sigmas from which on positions have little weight: a ninth of what they would have."""
+
+_LATELY_S = 30.0
+"""Residuals of so long, s, are held against the level: the errors of some independent positions."""
+
 _SAME_S = 1e-6
 """Times nearer than this are of one position, s."""
 
@@ -41,7 +51,9 @@ class GnssRecord:
     """The record holds the newest positions, one a row: time ``t`` (m,), s; ``residual`` and ``variance`` of the
     predicted position, both in declared sigmas; and the ``declared`` sigma, m; each of shape (m, 3).
 
-    ``factor`` (m, 3) is what sigmas are multiplied by, ``expected`` (3,) what those of the next positions are.
+    ``factor`` (m, 3) is what sigmas are multiplied by, ``expected`` (3,) what those of the next positions are, and
+    ``given`` (m, 3) what they were when the position came. ``level`` (m, 3) is that of the errors then, and
+    ``newest_level`` (3,) that of the next. ``regained`` (k, 2): from when to when positions had too little weight, s.
     ``lasting``: the root of the number of positions that share an error; whether one is an outlier is judged without
     it, so the loss is as much narrower.
     """
@@ -52,6 +64,10 @@ class GnssRecord:
     declared: Array = field(default_factory=lambda: np.zeros((0, 3)))
     factor: Array = field(default_factory=lambda: np.ones((0, 3)))
     expected: Array = field(default_factory=lambda: np.ones(3))
+    given: Array = field(default_factory=lambda: np.ones((0, 3)))
+    level: Array = field(default_factory=lambda: np.ones((0, 3)))
+    newest_level: Array = field(default_factory=lambda: np.ones(3))
+    regained: Array = field(default_factory=lambda: np.zeros((0, 2)))
     lasting: float = 1.0
 
     def put(self, window: Window, covariance: Covariance) -> None:
@@ -71,6 +87,8 @@ class GnssRecord:
             "variance": np.diagonal(S, axis1=1, axis2=2) / declared**2,
             "declared": declared,
             "factor": np.tile(self.expected, (len(family), 1)),
+            "given": np.tile(self.expected, (len(family), 1)),
+            "level": np.tile(self.newest_level, (len(family), 1)),
         }
         for name, new in rows.items():
             setattr(self, name, np.concatenate([getattr(self, name), new])[-_MOST:])
@@ -82,20 +100,46 @@ class GnssRecord:
 
     def judge(self) -> None:
         """Compute the factors anew."""
+        if self._err_less_than_the_rest():
+            self._regain()
         if len(self.t) >= FEWEST:
             seen = errors_seen(self.t, self.residual, self.variance, weighted=bool(np.any(self.factor > 1.0)))
             self.factor, self.lasting = np.maximum(seen.factor, 1.0), float(np.sqrt(np.median(seen.correlation)))
+            self.newest_level = np.maximum(seen.level[-1], 1.0)
+
+    @property
+    def rest_erred(self) -> bool:
+        """Whether positions have been right once against all else: the wheel's scale walks from then on."""
+        return len(self.regained) > 0
+
+    def _err_less_than_the_rest(self) -> bool:
+        """Return whether positions had little weight for longer than their errors last, and residuals have grown."""
+        if not self.t.size or self.t[-1] - self.t[0] < LONGEST_S:
+            return False
+        longest, lately = np.searchsorted(self.t, self.t[-1] - np.array([LONGEST_S, _LATELY_S]))
+        little = bool(np.all(self.given[longest:, 0] > _LITTLE))
+        return little and have_grown(self.residual[lately:], self.level[longest])
+
+    def _regain(self) -> None:
+        """Give positions to come their declared weight again, and forget what was learnt of those that were."""
+        enough = np.flatnonzero(self.given[:, 0] <= _LITTLE)
+        since = self.t[enough[-1] + 1] if enough.size else self.t[0]
+        span = np.array([[since, self.t[-1]]])
+        vars(self).update(vars(GnssRecord(regained=np.concatenate([self.regained, span]))))
 
     def events(self, until_s: float) -> tuple[Event, ...]:
-        """Return an event where most positions are further off than any receiver's, known at the end of a stream."""
-        if len(self.t) < FEWEST:
-            return ()
-        off = float(np.median(np.linalg.norm(self.residual[:, :2], axis=1)))
+        """Return an event for each span in which positions had too little weight, and one if most of the newest are
+        further off than any receiver's, known at the end of a stream.
+        """
+        quantities = "position, yaw, chainage, speed"
+        less = f"{quantities}: GNSS positions had too little weight: smooth the recording"
+        spans = tuple(Event(DOUBT, "gnss", since, until, 0, less) for since, until in self.regained.tolist())
+        off = float(np.median(np.linalg.norm(self.residual[:, :2], axis=1))) if len(self.t) >= FEWEST else 0.0
         if off < _FAR:
-            return ()
+            return spans
         what = f"most GNSS positions are {off:.0f} declared sigmas or more from where the other sensors have them"
         advice = "check the order, unit and sigmas of gnss.position and the axes of the gyro, or smooth the recording"
-        return (Event(DOUBT, t_s=until_s, detail=f"position, yaw, chainage, speed: {what}: {advice}"),)
+        return (*spans, Event(DOUBT, t_s=until_s, detail=f"{quantities}: {what}: {advice}"))
 
     def weigh(self, window: Window, width: float) -> Window:
         """Return the window with the sigmas of its positions multiplied by their factors, and a loss of that ``width``

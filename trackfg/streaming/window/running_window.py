@@ -261,7 +261,8 @@ class RunningWindow:
             edges = np.searchsorted(data.edges, [last - 1e-9, t - 1e-9])
             broken = self.buffer.has_break(last, t)
             prediction = predict_interval(self.context, self.newest, data, edges, broken=broken)
-            walk = max(self.votes.walk_per_sqrt_m, WALK_PER_SQRT_M if self.walks else 0.0)
+            walks = self.walks or self.gnss.rest_erred
+            walk = max(self.votes.walk_per_sqrt_m, WALK_PER_SQRT_M if walks else 0.0)
             prediction = prediction.with_walking_scale(walk)
             self.predicted = PredictedPair.of(self.newest, prediction, self.context.description.imu.noise)
         return self.predicted

@@ -32,7 +32,8 @@ CANYON = (60.0, 100.0)
 def record(residual: np.ndarray) -> GnssRecord:
     """A record of positions of 2 m at 1 Hz with these residuals, in declared sigmas."""
     n = len(residual)
-    return GnssRecord(np.arange(n) * 1.0, residual, np.full((n, 3), 0.01), np.full((n, 3), 2.0), np.ones((n, 3)))
+    t, ones = np.arange(n) * 1.0, np.ones((n, 3))
+    return GnssRecord(t, residual, 0.01 * ones, 2.0 * ones, ones, given=ones, level=ones)
 
 
 def positions(n: int) -> Family:
@@ -63,6 +64,21 @@ def test_positions_that_contradict_the_other_sensors_are_a_doubt() -> None:
     (event,) = record(residual).events(300.0)
     assert event.kind == DOUBT
     assert "position, yaw, chainage, speed: most GNSS positions are 40 declared sigmas or more" in event.detail
+
+
+@pytest.mark.parametrize(("grown", "given", "regains"), [(8.0, 10.0, True), (3.0, 10.0, False), (8.0, 2.0, False)])
+def test_positions_that_the_stream_leaves_get_their_weight_again(grown: float, given: float, *, regains: bool) -> None:
+    """Errors of 3 declared sigmas took their weight from positions; what grows after that is not the receiver's."""
+    residual = np.zeros((300, 3))
+    residual[100:, :2] = np.linspace(3.0, grown, 200)[:, None]
+    one = record(residual)
+    one.given, one.level = np.ones((300, 3)), np.full((300, 3), 3.0)
+    one.given[110:] = given
+    one.judge()
+    assert one.regained.tolist() == ([[110.0, 299.0]] if regains else [])
+    assert (len(one.t) == 0) == regains
+    doubts = [event for event in one.events(300.0) if "too little weight" in str(event.detail)]
+    assert [(event.t_s, event.until_s) for event in doubts] == ([(110.0, 299.0)] if regains else [])
 
 
 def test_positions_of_the_window_have_their_own_factor_and_those_to_come_the_newest() -> None:
