@@ -22,6 +22,10 @@ from trackfg.numerics.arrays import Array
 
 _OF_SIGMA, _OF_RANGE, _OF_SIZE = 20.0, 1e5, 200.0
 """Values are rounded to these parts of their median sigma or of their range, sigmas to the last, of their quartile."""
+_DRAWN = 1e3
+"""Values are rounded at most to this part of their range: about a pixel of a tall panel. A sigma may be much wider than
+the range, where a quantity is not to be trusted or has a large constant error, and its curve is drawn all the same.
+"""
 _LARGEST = 2**28
 """Whole numbers up to this have second differences of 32 bits."""
 _FINEST = -300.0
@@ -62,12 +66,16 @@ class ColumnDifference:
 
 
 def packed_value(values: Array, sigmas: Array | None = None) -> Column:
-    """Return values (n,) to a twentieth of their median sigma, or where there is none to 1e-5 of their range."""
+    """Return values (n,) to a twentieth of their median sigma, at most to 1e-3 of their range, or where there is no
+    sigma to 1e-5 of their range.
+    """
     finite = values[np.isfinite(values)]
+    span = float(np.ptp(finite)) if finite.size else 0.0
     known = np.empty(0) if sigmas is None else sigmas[np.isfinite(sigmas) & (sigmas > 0.0)]
     if known.size:
-        return packed(values, float(np.median(known)) / _OF_SIGMA)
-    return packed(values, float(np.ptp(finite)) / _OF_RANGE if finite.size else 1.0)
+        accuracy = float(np.median(known)) / _OF_SIGMA
+        return packed(values, min(accuracy, span / _DRAWN) if span > 0.0 else accuracy)
+    return packed(values, span / _OF_RANGE if finite.size else 1.0)
 
 
 def packed_sigma(sigmas: Array) -> Column:

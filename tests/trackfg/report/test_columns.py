@@ -64,6 +64,13 @@ def test_accuracy_follows_the_sigmas() -> None:
     np.testing.assert_allclose(unpacked(packed_sigma(sigmas)), sigmas, rtol=0.01)
 
 
+@pytest.mark.parametrize("sigma", [20.0, 1000.0])
+def test_a_curve_is_drawn_however_wide_its_sigma(sigma: float) -> None:
+    waves = 3.0 * np.sin(np.arange(500) / 7.0)
+    np.testing.assert_allclose(unpacked(packed_value(waves, np.full(500, sigma))), waves, atol=0.006)
+    assert unpacked(packed_value(np.full(3, 2.0), np.full(3, 0.1))).tolist() == pytest.approx([2.0] * 3, abs=0.005)
+
+
 def test_a_uniform_chainage_takes_no_room_and_a_smooth_curve_little() -> None:
     chainage = 0.25 * np.arange(100_000)
     assert len(packed(chainage, 1e-3).text) < 1000
