@@ -13,6 +13,8 @@ from trackfg.numerics.units import KMH
 from trackfg.plots.scales import extent, symmetric, with_limits, with_margin
 from trackfg.results.columns import RAIL_COLUMNS
 from trackfg.results.summary import GeometryConventions
+from trackfg.results.verdict import Verdict
+from trackfg.results.widening import trusted
 
 
 @dataclass(frozen=True)
@@ -60,9 +62,17 @@ def centre_or_rails(table: pd.DataFrame) -> tuple[GeometryChannel, ...]:
     return RAILS if RAIL_COLUMNS[0] in table else CENTRE
 
 
-def measured_channels(table: pd.DataFrame, channels: Sequence[GeometryChannel]) -> tuple[GeometryChannel, ...]:
-    """Return those of the channels that the table knows anywhere."""
-    return tuple(channel for channel in channels if table[channel.column].notna().any())
+def measured_channels(
+    table: pd.DataFrame, channels: Sequence[GeometryChannel], verdicts: Sequence[Verdict] = ()
+) -> tuple[GeometryChannel, ...]:
+    """Return those of the channels that the table knows anywhere; what is not to be trusted is so labelled."""
+    measured = (channel for channel in channels if table[channel.column].notna().any())
+    return tuple(replace(one, label=label_of(one.label, one.column, verdicts)) for one in measured)
+
+
+def label_of(label: str, column: str, verdicts: Sequence[Verdict]) -> str:
+    """Return the label of a column's panel, which says where the column is not to be trusted."""
+    return label if trusted(verdicts, column) else f"{label}\n(not trusted)"
 
 
 def base_of(channel: GeometryChannel, conventions: GeometryConventions) -> float:

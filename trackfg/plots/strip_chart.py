@@ -31,6 +31,7 @@ from trackfg.plots.geometry_channels import (
     channel_extent,
     channel_range,
     channel_values,
+    label_of,
     measured_channels,
 )
 from trackfg.plots.scales import common_zero, with_margin
@@ -38,6 +39,7 @@ from trackfg.plots.sheet import BAND, BLUE, ORANGE, Panel, Sheet, SheetCurve, Sh
 from trackfg.results.official_places import shown_kilometrage
 from trackfg.results.result import Result, expect_result
 from trackfg.results.summary import GeometryConventions
+from trackfg.results.verdict import Verdict
 
 STRETCHES = 2000
 """More than a sheet has columns of pixels."""
@@ -121,9 +123,10 @@ def geometry_sheet(result: Result, from_m: float | None, to_m: float | None, lim
     unit, x_scale = ("km", 1e-3) if end - start > _LONG_M else ("m", 1.0)
     conventions = result.summary.geometry
     chart = _Chart(table, x_scale, conventions, tuple(limits))
-    channels = measured_channels(result.geometry, (*centre_or_rails(result.geometry), *COMMON))
+    verdicts = result.summary.verdicts
+    channels = measured_channels(result.geometry, (*centre_or_rails(result.geometry), *COMMON), verdicts)
     panels = [chart.panel(channel) for channel in channels]
-    panels += [chart.foot()] if measured_channels(result.geometry, (CURVATURE,)) else []
+    panels += [chart.foot(verdicts)] if measured_channels(result.geometry, (CURVATURE,)) else []
     line = shown_kilometrage(result, None)
     if line is not None:
         panels[0] = _under_marks(panels[0], _official_places(line.kilometrage(), start, end, x_scale))
@@ -199,7 +202,7 @@ class _Chart:
         label = f"{channel.label}, {channel.unit}"
         return Panel(label, (curve,), y_range=y_range, base=base, limits=limits, share=channel.share)
 
-    def foot(self) -> Panel:
+    def foot(self, verdicts: Sequence[Verdict]) -> Panel:
         """Return the panel of curvature, and over it the cross-level upside down: where cant fits the curve the two
         run together.
         """
@@ -210,13 +213,14 @@ class _Chart:
         bend, lean = common_zero(channel_extent(self.table, CURVATURE, 0.0), (-high, -low))
         bend, lean = with_margin(*bend), with_margin(*lean)
         lean_high = lean[1] + _HEADROOM * (lean[1] - lean[0])
+        cross_level = label_of(CROSS_LEVEL.label, CROSS_LEVEL.column, verdicts)
         panel = Panel(
-            "curvature, 1/km",
+            f"{label_of('curvature', CURVATURE.column, verdicts)}, 1/km",
             (curvature,),
             y_range=bend,
             base=0.0,
             share=CURVATURE.share,
-            over=Panel("cross-level, mm\n(right, reversed)", (cant,), y_range=(-lean[0], -lean_high)),
+            over=Panel(f"{cross_level}, mm\n(right, reversed)", (cant,), y_range=(-lean[0], -lean_high)),
         )
         return _under_marks(panel, self._marks())
 

@@ -16,6 +16,7 @@ from trackfg.numerics.spans import Span
 from trackfg.numerics.units import KMH
 from trackfg.plots.decimation import extremes
 from trackfg.plots.draw import drawn
+from trackfg.plots.geometry_channels import label_of
 from trackfg.plots.sheet import AMBER, BAND, BLUE, ORANGE, RED, SPAN_NAME, Panel, Path2d, Sheet, SheetCurve
 from trackfg.results.result import Result, expect_result
 
@@ -74,6 +75,7 @@ def sheet_of(result: Result, reference: pd.DataFrame | None, title: str, spans: 
     def banded(name: str, unit: str, column: str, scale: float, colour: str) -> SheetCurve:
         y = scale * table[column].to_numpy()
         keep = extremes(y, STRETCHES)
+        name = label_of(name, column, result.summary.verdicts).replace("\n", " ")
         return SheetCurve(name, unit, t[keep], y[keep], colour, BAND * scale * table[f"{column}_sd"].to_numpy()[keep])
 
     def in_metres(name: str, y: Array, colour: str) -> SheetCurve:

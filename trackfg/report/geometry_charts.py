@@ -36,6 +36,7 @@ from trackfg.report.columns import ColumnDifference, packed, packed_sigma, packe
 from trackfg.report.exceedances import exceedance_spans
 from trackfg.results.result import Result
 from trackfg.results.summary import GeometryConventions
+from trackfg.results.verdict import Verdict
 
 LONG_M = 2000.0
 """Above this length chainage is in km."""
@@ -48,9 +49,11 @@ _ROBUST = 0.998
 """An error axis holds this share of the errors and of the bands: a slow place must not squeeze the rest."""
 
 
-def channels(table: pd.DataFrame) -> tuple[GeometryChannel, ...]:
-    """Return everything that a geometry table holds, in the order of the chart."""
-    return measured_channels(table, (*centre_or_rails(table), *COMMON[:-1], CURVATURE, COMMON[-1]))
+def channels(table: pd.DataFrame, verdicts: Sequence[Verdict] = ()) -> tuple[GeometryChannel, ...]:
+    """Return everything that a geometry table holds, in the order of the chart; what is not to be trusted is so
+    labelled.
+    """
+    return measured_channels(table, (*centre_or_rails(table), *COMMON[:-1], CURVATURE, COMMON[-1]), verdicts)
 
 
 def chainage_axis(chainage_m: Array) -> tuple[str, float]:
@@ -78,7 +81,7 @@ def geometry_strips(
     x = packed(scale * chainage, scale * _PLACE)
     x_range = whole_range(scale * chainage)
     panels, error_panels, columns = [], [], []
-    for channel in channels(table):
+    for channel in channels(table, result.summary.verdicts):
         values, sigmas = channel_values(table, channel)
         has_sigma = f"{channel.column}_sd" in table
         y = packed_value(values, sigmas if has_sigma else None)
@@ -122,7 +125,7 @@ def _panel(
 ) -> ChartPanel:
     base = base_of(channel, conventions)
     y_range = channel_range(table, channel, base, (line.value for line in limits))
-    share = 1.3 if channel is CURVATURE else channel.share
+    share = 1.3 if channel.column == CURVATURE.column else channel.share
     drawn = tuple(ChartLimit(line.label, scale * line.chainage_m, channel.scale * line.value) for line in limits)
     return ChartPanel(channel.label, channel.unit, lines, y_range, base, share=share, limits=drawn)
 

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.units import KMH
 from trackfg.plots.decimation import extremes
+from trackfg.plots.geometry_channels import label_of
 from trackfg.plots.scales import extent, with_margin
 from trackfg.plots.sheet import AMBER, BLUE, GREY, ORANGE, RED
 from trackfg.report.charts import TRUTH_COLOUR, ChartLine, ChartPanel, Figure, Span, Strips, listed, plain, whole_range
@@ -53,23 +54,25 @@ _ERRORS = {
 
 def motion_strips(result: Result) -> Strips:
     """Draw speed and attitude with bands, heading, and the sigmas of the position."""
-    table = result.trajectory
+    table, verdicts = result.trajectory, result.summary.verdicts
     t = table["t_s"].to_numpy()
     x = packed(t, _INSTANT)
     panels = []
-    for label, unit, column, scale, least in _BANDED:
+    for name, unit, column, scale, least in _BANDED:
         values, sigmas = scale * table[column].to_numpy(), scale * table[f"{column}_sd"].to_numpy()
-        line = ChartLine(label, BLUE, x, packed_value(values, sigmas), packed_sigma(sigmas))
+        line = ChartLine(name, BLUE, x, packed_value(values, sigmas), packed_sigma(sigmas))
+        label = label_of(name, column, verdicts)
         panels.append(ChartPanel(label, unit, (line,), with_margin(*extent(values, sigmas, 0.0, least)), base=0.0))
     yaw = _DEGREE * np.unwrap(table["yaw_rad"].to_numpy())
-    panels.append(ChartPanel("yaw\nunwrapped", "deg", (ChartLine("yaw", BLUE, x, packed_value(yaw)),), _whole(yaw)))
+    label = label_of("yaw\nunwrapped", "yaw_rad", verdicts)
+    panels.append(ChartPanel(label, "deg", (ChartLine("yaw", BLUE, x, packed_value(yaw)),), _whole(yaw)))
     across = np.hypot(table["east_m_sd"].to_numpy(), table["north_m_sd"].to_numpy())
-    for label, name, sigmas in (
-        ("chainage", "chainage", table["chainage_m_sd"].to_numpy()),
-        ("horizontal position", "position", across),
+    for label, column, name, sigmas in (
+        ("chainage\n1 sigma", "chainage_m", "chainage", table["chainage_m_sd"].to_numpy()),
+        ("horizontal position\n1 sigma", "east_m", "position", across),
     ):
         line = ChartLine(name, ORANGE, x, packed_value(sigmas))
-        panels.append(ChartPanel(f"{label}\n1 sigma", "m", (line,), _whole(sigmas, 0.0)))
+        panels.append(ChartPanel(label_of(label, column, verdicts), "m", (line,), _whole(sigmas, 0.0)))
     return Strips("time, s", "s", whole_range(t), tuple(panels), spans=_spans(result.events))
 
 

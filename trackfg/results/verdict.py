@@ -37,6 +37,9 @@ QUANTITIES: tuple[Quantity, ...] = get_args(Quantity)
 
 Status = Literal["trusted", "widened", "not_trusted"]
 
+NOT_TRUSTED = "not to be trusted"
+"""A status as people read it."""
+
 
 @dataclass(frozen=True)
 class Doubt:
@@ -152,7 +155,7 @@ def _worst_first(verdicts: Iterable[Verdict]) -> list[Verdict]:
 def _in_words(verdict: Verdict) -> str:
     if verdict.status == "widened":
         return f"sigmas widened by {verdict.widening:.2g}"
-    return "trusted" if verdict.status == "trusted" else "not to be trusted"
+    return "trusted" if verdict.status == "trusted" else NOT_TRUSTED
 
 
 def _tested(verdict: Verdict, withheld: bool) -> str:

@@ -63,6 +63,12 @@ every reader of the tables can go on working with them; a mean weighted by 1 / s
 """
 
 
+def trusted(verdicts: Sequence[Verdict], column: str) -> bool:
+    """Return whether the sigmas of a column mean anything; those that no verdict names do."""
+    quantity = QUANTITY_OF_COLUMN.get(column)
+    return quantity is None or math.isfinite(widening(verdicts, quantity))
+
+
 def widened(table: pd.DataFrame, verdicts: Sequence[Verdict]) -> pd.DataFrame:
     """Return the table with the sigma of every column times the factor of its quantity.
 

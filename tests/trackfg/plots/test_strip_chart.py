@@ -20,8 +20,11 @@ from trackfg.recording.line_kilometrage import KmEquation, LineKilometrage
 from trackfg.results.columns import RAIL_COLUMNS
 from trackfg.results.result import Result
 from trackfg.results.summary import RunFacts
+from trackfg.results.verdict import Verdict
 
 Make = Callable[..., Result]
+
+NO_CROSS_LEVEL = Verdict(quantity="cross_level", status="not_trusted", factor=None, reasons=("a",), hints=("b",))
 
 
 @pytest.fixture(scope="module")
@@ -157,6 +160,14 @@ def test_a_sigma_without_bound_does_not_squeeze_the_values(result: Result) -> No
     shown = panel(geometry_sheet(changed(result, level_mm=level, level_mm_sd=sigma), None, None, ()), "level").y_range
     assert shown is not None
     assert shown[1] == pytest.approx(3.0 * 1.16, abs=0.01)
+
+
+def test_a_quantity_that_is_not_to_be_trusted_is_so_labelled(make_result: Make) -> None:
+    sheet = geometry_sheet(make_result(verdicts=[NO_CROSS_LEVEL]), None, None, ())
+    labels = [panel.label for panel in sheet.panels]
+    assert [label for label in labels if "trusted" in label] == ["cross-level\n(not trusted), mm"]
+    assert sheet.panels[-1].over is not None
+    assert sheet.panels[-1].over.label == "cross-level\n(not trusted), mm\n(right, reversed)"
 
 
 def test_a_defect_that_stands_out_of_its_noise_stays_in_the_panel() -> None:

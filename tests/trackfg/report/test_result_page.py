@@ -17,11 +17,14 @@ from trackfg.report import write_report
 from trackfg.report.charts import Strips
 from trackfg.report.consistency import coverage_table, error_table, histograms, named, noise_bars
 from trackfg.report.geometry_charts import geometry_strips
+from trackfg.report.motion_charts import motion_strips
 from trackfg.report.result_page import result_page
+from trackfg.report.sections.summary import measured_table
 from trackfg.report.track_limits import judge
 from trackfg.report.truth import Against, against
 from trackfg.results.columns import RAIL_COLUMNS
 from trackfg.results.result import Result
+from trackfg.results.verdict import Quantity, Verdict
 
 Make = Callable[..., Result]
 
@@ -39,6 +42,10 @@ def known(run: tuple[Result, Path]) -> Against:
     truth = against(*run)
     assert truth is not None
     return truth
+
+
+def not_trusted(quantity: Quantity) -> Verdict:
+    return Verdict(quantity=quantity, status="not_trusted", factor=None, reasons=("seen",), hints=("do",))
 
 
 def text_of(result: Result, truth: Against | None = None) -> str:
@@ -123,6 +130,20 @@ def test_limits_beside_a_comparison_are_refused(comparison_folder: Path, tmp_pat
 def test_a_run_that_did_not_converge_says_so(make_result: Make) -> None:
     solver = {"converged": False, "reason": "30 iterations", "iterations": 30, "cost": 1.0, "degrees_of_freedom": 1}
     assert "did not converge: 30 iterations. Do not trust the sigmas" in text_of(make_result(solver=solver))
+
+
+def test_what_is_not_to_be_trusted_is_so_named_wherever_it_is_drawn(make_result: Make) -> None:
+    """Twist and roll are not, though their curves are drawn as they are, whatever their sigmas."""
+    result = make_result(verdicts=[not_trusted("twist"), not_trusted("roll")])
+    result = replace(result, geometry=result.geometry.assign(twist_mm_sd=1000.0))
+    (strips, _) = geometry_strips(result, pd.DataFrame())
+    doubted = [panel for panel in strips.panels if "trusted" in panel.label]
+    assert [panel.label for panel in doubted] == ["twist\n(not trusted)"]
+    assert doubted[0].lines[0].y.step < 0.01
+    assert [panel.label for panel in motion_strips(result).panels][:2] == ["speed", "roll\n(not trusted)"]
+    rows = {row.cells[0]: row.cells for row in measured_table(result).rows}
+    assert rows["twist"][4:6] == ("not to be trusted", "not to be trusted")
+    assert rows["cross-level"][4:6] == ("0.100", "0.100")
 
 
 def test_settings_that_are_not_the_defaults_stand_out(make_result: Make) -> None:

@@ -14,7 +14,8 @@ from trackfg.report.numbers import NONE, counted, decimals, digits, duration, le
 from trackfg.report.page import Block, Facts, PageSection, PageTable, Signature, TableRow, Text, Tile, Tiles
 from trackfg.results.result import Result
 from trackfg.results.summary import Estimate, Solver, Summary, VectorEstimate
-from trackfg.results.verdict import Verdict, causes, opinions
+from trackfg.results.verdict import NOT_TRUSTED, Verdict, causes, opinions
+from trackfg.results.widening import trusted
 
 _SIGNED = ("Checked by", "Date", "Signature")
 """What is filled in by hand on the first sheet of paper."""
@@ -30,11 +31,12 @@ def measured_elsewhere(result: Result) -> PageSection:
 def summary_section(result: Result, solver: Solver, headlines: tuple[Tile, ...] = ()) -> PageSection:
     """Return the run in figures, below ``headlines``, the verdict, and what each quantity can be trusted for."""
     page, worst_m = result.summary, float(result.trajectory["chainage_m_sd"].max())
+    place = with_unit(worst_m, "m", 2) if trusted(page.verdicts, "chainage_m") else NOT_TRUSTED
     tiles = (
         *headlines,
         Tile("length", length(page.distance_m), _extent(result)),
         Tile("measured", _begun(page), f"{duration(page.duration_s)}, {_mean_speed(page)}"),
-        Tile("place, 1 sigma", with_unit(worst_m, "m", 2), "at worst, along the track"),
+        Tile("place, 1 sigma", place, "at worst, along the track"),
         Tile("wheel scale", _estimate(page.wheel_scale), "true over nominal distance"),
     )
     blocks: tuple[Block, ...] = (Tiles(tiles), _verdict(page, solver), *_trust(page), Signature(_SIGNED))
@@ -66,7 +68,7 @@ def sensor_facts(result: Result) -> Facts:
 
 def measured_table(result: Result) -> PageTable:
     """Return what was measured: extremes and sigmas of each channel, and of how much of the length."""
-    rows = []
+    rows, verdicts = [], result.summary.verdicts
     for channel in channels(result.geometry):
         values = channel.scale * result.geometry[channel.column].to_numpy()
         known = values[np.isfinite(values)]
@@ -74,9 +76,10 @@ def measured_table(result: Result) -> PageTable:
         sigmas = sigmas[np.isfinite(sigmas)]
         typical, poor = np.quantile(sigmas, [0.5, 0.95]) if sigmas.size else (math.nan, math.nan)
         low, high = (known.min(), known.max()) if known.size else (math.nan, math.nan)
-        places = decimals(typical if sigmas.size else max(abs(low), abs(high)) / 100.0)
+        places = decimals(float(np.fmin(typical, max(abs(low), abs(high)) / 100.0)))
         ends = (NONE if math.isnan(value) else f"{round(value, places) + 0.0:.{places}f}" for value in (low, high))
-        cells = (*ends, digits(typical), digits(poor), percent(known.size / values.size))
+        sds = (digits(typical), digits(poor)) if trusted(verdicts, channel.column) else (NOT_TRUSTED, NOT_TRUSTED)
+        cells = (*ends, *sds, percent(known.size / values.size))
         rows.append(TableRow((channel.label.replace("\n", " "), channel.unit, *cells)))
     return PageTable(
         ("quantity", "unit", "least", "greatest", "1 sigma, median", "1 sigma, 95 % below", "of the length"),

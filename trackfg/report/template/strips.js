@@ -82,7 +82,7 @@ function layoutOf(chart, parts, total, legendRoom, { narrow, left, right }) {
       ...(panel.range ? { range: [...panel.range] } : {}) };
     const text = panel.unit ? `${panel.label}, ${panel.unit}` : panel.label;
     layout.annotations.push({ xref: "paper", yref: "paper", x: 0, xanchor: "left", align: "left", showarrow: false,
-      ...(narrow ? { text: text.replace("<br>", " "), y: parts[i][1], yanchor: "bottom", font: { size: 12 } } :
+      ...(narrow ? { text: text.replaceAll("<br>", " "), y: parts[i][1], yanchor: "bottom", font: { size: 12 } } :
         { text, xshift: -left + 2, y: (parts[i][0] + parts[i][1]) / 2, yanchor: "middle", font: { size: 12.5 } }) });
     if (panel.base !== null) layout.shapes.push({ type: "line", xref: "x domain", x0: 0, x1: 1, yref: axisOf(i),
       y0: panel.base, y1: panel.base, line: { color: BASE, width: 1 }, layer: "below" });
@@ -107,7 +107,8 @@ function limitLabels({ limits, range, share }) {
   const [low, high] = range, placed = [];
   const wanted = limits.filter(({ label }) => label).map(({ label, y }) => {
     const value = y.findLast((one) => one !== null) ?? NaN;
-    return [Math.min(Math.max((value - low) / (high - low), 0), 1), `${label} ${number(value)}`, value];
+    const height = (value - low) / (high - low), beyond = height > 1 ? " ↑" : height < 0 ? " ↓" : "";
+    return [Math.min(Math.max(height, 0), 1), `${label} ${number(value)}${beyond}`, value];
   }).filter(([, , value]) => !Number.isNaN(value)).sort((a, b) => b[0] - a[0]);
   for (const [height, label] of wanted) {
     const below = placed.length ? placed[placed.length - 1][0] - .16 / share : Infinity;
@@ -363,7 +364,7 @@ function reading({ element, plot, chart, parts, entries, legendRoom, shape, ever
     const [from, to] = window_.shown(), inside = pointed !== null && pointed >= from && pointed <= to;
     show(Math.min(Math.max((inside ? pointed : (from + to) / 2) + count * (to - from) / 200, from), to));
     spoken.textContent = `${output.textContent}. ${here.textContent}. ` + chart.panels.map((panel, i) => [...texts[i].children].map((div) =>
-      `${panel.label.replace("<br>", " ")} ${div.dataset.name} ${div.textContent} ${panel.unit}`).join(", "))
+      `${panel.label.replaceAll("<br>", " ")} ${div.dataset.name} ${div.textContent} ${panel.unit}`).join(", "))
       .filter((text) => text).join("; ");
   };
   return { step };
