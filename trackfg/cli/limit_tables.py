@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 from collections.abc import Iterator, Sequence
 
 import pandas as pd
@@ -20,6 +19,8 @@ from trackfg.report.severity import (
     counts_text,
     place_text,
     quantity_text,
+    unsure_text,
+    value_text,
 )
 
 
@@ -34,6 +35,8 @@ def of_judgement(judgement: Judgement) -> Iterator[RenderableType]:
     else:
         yield _kilometres(by_kilometre(found))
         yield _exceedances(found.sort_values("chainage_m", kind="stable"))
+        if said := unsure_text(found):
+            yield Text(said)
     if judgement.not_judged:
         table = titled("Not judged", *columns("limit", "class", "why", overflow="fold"))
         for (quantity, reason), levels in judgement.not_judged_levels().items():
@@ -55,12 +58,11 @@ def _exceedances(found: pd.DataFrame) -> RenderableType:
     places, values = numbers("km", "length m"), numbers("value mm", "limit mm")
     table = titled(f"Exceedances: {len(found)}", *places, what, *values, level)
     for row in found.to_dict("records"):
-        sigma = "" if math.isnan(row["value_mm_sd"]) else f" ± {row['value_mm_sd']:.2f}"
         table.add_row(
             place_text(row),
             f"{row['length_m']:.2f}",
             Text(quantity_text(row)),
-            f"{row['value_mm']:.2f}{sigma}",
+            value_text(row),
             f"{row['limit_mm']:.2f}",
             Text(row["level"]),
         )

@@ -473,14 +473,17 @@ def limits(
     """
     from trackfg.cli import limit_tables
     from trackfg.geometry.limits import LimitChoice
-    from trackfg.report.track_limits import judge, write_exceedances
+    from trackfg.report.track_limits import doubt_about, judge, write_exceedances
     from trackfg.results.result import Result
 
     if out is not None:
         _refuse_inside(result, out)
     chosen = LimitChoice(source, level).table()
     with working("limits"):
-        judgement = judge(Result.read(result), chosen, line_speed, km=km)
+        content = Result.read(result)
+        judgement = judge(content, chosen, line_speed, km=km)
+    if doubt := doubt_about(content):
+        complain(f"trackfg: warning: {doubt}. Hint: trackfg report {result} says why")
     if out is not None:
         write_exceedances(judgement, out)
     if json:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -13,8 +12,18 @@ from trackfg.numerics.units import KMH
 from trackfg.plots.sheet import RED
 from trackfg.report.charts import ChartPlace, Span
 from trackfg.report.page import Block, Fold, PageSection, PageTable, TableRow, Text, Tile
-from trackfg.report.severity import by_kilometre, by_severity, counts_text, place_text, quantity_text
+from trackfg.report.severity import (
+    by_kilometre,
+    by_severity,
+    counts_text,
+    place_text,
+    quantity_text,
+    unsure_text,
+    value_text,
+)
+from trackfg.report.track_limits import doubt_about
 from trackfg.results.result import Result
+from trackfg.results.verdict import NOT_TRUSTED
 
 _MANY = 25
 """Rows of a table that stand open; longer ones go on folded."""
@@ -53,25 +62,35 @@ def exceedance_places(judgement: Judgement | None) -> list[ChartPlace]:
 def exceedance_tile(judgement: Judgement) -> Tile:
     """Return the headline: how many exceedances there are, and of which level the most severe is."""
     found = by_severity(judgement.found)
-    return Tile("exceedances", str(len(found)), "none" if found.empty else f"the severest: {found['level'].iloc[0]}")
+    severest = "none" if found.empty else f"the severest: {found['level'].iloc[0]}"
+    doubted = int((~found["trusted"].astype(bool)).sum())
+    return Tile("exceedances", str(len(found)), severest + (f"; {doubted} {NOT_TRUSTED}" if doubted else ""))
+
+
+def doubt_text(doubt: str) -> Text:
+    """Return the warning above what is computed from quantities that are not to be trusted."""
+    return Text(f"{doubt[0].upper()}{doubt[1:]}.", "warning")
 
 
 def exceedance_section(judgement: Judgement, result: Result) -> PageSection:
     """Return the section: the exceedances by severity, and the limits that were not judged."""
     found = by_severity(judgement.found)
-    blocks: list[Block] = []
+    doubt = doubt_about(result)
+    blocks: list[Block] = [doubt_text(doubt)] if doubt else []
     if found.empty:
-        blocks.append(Text("No exceedance of the limits that could be judged.", "good"))
+        blocks.append(Text("No exceedance of the limits that could be judged.", "plain" if doubt else "good"))
     else:
         counts = counts_text({str(level): int(n) for level, n in found["level"].value_counts(sort=False).items()})
-        blocks.append(Text(f"Exceedances: {counts}. They are shaded red in the strips.", "warning"))
+        said = f"Exceedances: {counts}. {unsure_text(found)}".rstrip()
+        blocks.append(Text(f"{said} They are shaded red in the strips.", "warning"))
         blocks.append(_kilometres(found))
         blocks.append(_table(found.head(_MANY), result))
         if len(found) > _MANY:
             blocks.append(Fold(f"{len(found) - _MANY} more", (_table(found.iloc[_MANY:], result),)))
         note = (
-            "The severest level first, within it the greatest share of its limit. A place that exceeds several levels "
-            "of a limit stands under the severest, whose limit is the largest. Speed is the run's at the peak."
+            "The severest level first, within it the greatest share of its limit; after them those by less than 1.96 "
+            "sigma. A place that exceeds several levels of a limit stands under the severest, whose limit is the "
+            "largest. Speed is the run's at the peak."
         )
         blocks.append(Text(note, "note"))
     if judgement.not_judged:
@@ -105,7 +124,7 @@ def _table(found: pd.DataFrame, result: Result) -> PageTable:
         (
             place_text(row),
             quantity_text(row),
-            _value(row["value_mm"], row["value_mm_sd"]),
+            value_text(row),
             f"{row['limit_mm']:.2f}",
             f"{100.0 * abs(row['value_mm']) / row['limit_mm']:.0f}",
             f"{row['length_m']:.2f}",
@@ -129,7 +148,3 @@ def _table(found: pd.DataFrame, result: Result) -> PageTable:
         "to, m",
     )
     return PageTable(headings, rows, numbers=frozenset((0, 2, 3, 4, 5, 7, 8, 9)), caption="One by one")
-
-
-def _value(value: float, sd: float) -> str:
-    return f"{value:.2f}" if math.isnan(sd) else f"{value:.2f} ± {sd:.2f}"

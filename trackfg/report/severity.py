@@ -6,6 +6,7 @@ the severest level that it exceeds.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -15,6 +16,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from trackfg.numerics.arrays import Array
+from trackfg.plots.sheet import BAND
 from trackfg.results.official_places import KM_COLUMN
 
 _FAMILY = ["standard", "parameter", "column", "kind"]
@@ -25,7 +27,7 @@ _FAMILY = ["standard", "parameter", "column", "kind"]
 class KilometreExceedances:
     """What a kilometre has: how many exceedances of each level, how long they are together, and the worst of them.
 
-    ``worst`` is the row of the greatest share of its limit, ``share`` that share.
+    ``worst`` is the row of the greatest share of its limit, of those that are sure if any are; ``share`` that share.
     """
 
     km: str
@@ -61,6 +63,32 @@ def place_text(row: Mapping[Any, Any]) -> str:
     return row.get(KM_COLUMN) or f"{1e-3 * row['chainage_m']:.3f}"
 
 
+def value_text(row: Mapping[Any, Any]) -> str:
+    """Return the value of an exceedance with its sigma where it has one; or that it is not to be trusted."""
+    value, sd = f"{row['value_mm']:.2f}", row["value_mm_sd"]
+    if not row.get("trusted", True):
+        return f"{value} (not trusted)"
+    return value if math.isnan(sd) else f"{value} ± {sd:.2f}"
+
+
+def sure(found: pd.DataFrame) -> NDArray[np.bool_]:
+    """Return which exceedances are of what is to be trusted, and by 1.96 sigma or more where they have a sigma."""
+    beyond = found["value_mm"].abs() - found["limit_mm"]
+    out: NDArray[np.bool_] = np.ones(len(found), dtype=bool)
+    if "value_mm_sd" in found:
+        out &= ~(beyond < BAND * found["value_mm_sd"]).to_numpy()
+    if "trusted" in found:
+        out &= found["trusted"].to_numpy(dtype=bool)
+    return out
+
+
+def unsure_text(found: pd.DataFrame) -> str:
+    """Return in words how many exceedances of what is to be trusted are not sure; nothing where all are."""
+    trusted = found[found["trusted"].astype(bool)] if "trusted" in found else found
+    unsure = int((~sure(trusted)).sum())
+    return f"{unsure} of them by less than 1.96 sigma: the limit may be kept there." if unsure else ""
+
+
 def by_kilometre(found: pd.DataFrame) -> list[KilometreExceedances]:
     """Return what each kilometre has that has any exceedance, in order of chainage.
 
@@ -69,6 +97,7 @@ def by_kilometre(found: pd.DataFrame) -> list[KilometreExceedances]:
     if found.empty:
         return []
     levels = list(dict.fromkeys(found["level"]))
+    found = found.assign(sure=sure(found))
     found = found.sort_values("chainage_m", kind="stable")
     km = [place_text(row).replace("+", ".").split(".")[0] for row in found.to_dict("records")]
     out = []
@@ -76,8 +105,9 @@ def by_kilometre(found: pd.DataFrame) -> list[KilometreExceedances]:
         count = rows["level"].value_counts()
         share = rows["value_mm"].abs() / rows["limit_mm"]
         counts = {level: int(count[level]) for level in levels if level in count}
-        worst = rows.iloc[int(np.argmax(share))].to_dict()
-        out.append(KilometreExceedances(str(name), counts, float(rows["length_m"].sum()), worst, float(share.max())))
+        at = int(np.argmax(share.where(rows["sure"], 0.0) if rows["sure"].any() else share))
+        length_m = float(rows["length_m"].sum())
+        out.append(KilometreExceedances(str(name), counts, length_m, rows.iloc[at].to_dict(), float(share.iloc[at])))
     return out
 
 
@@ -86,7 +116,8 @@ def by_severity(found: pd.DataFrame) -> pd.DataFrame:
 
     Levels of one limit that have the same number are one: the first of them stands for all. Of two others the one with
     the larger limit is the severer; over all quantities levels are ordered by the median of their limit over the least
-    limit of the same family that is exceeded. Within a level the order is that of the peak over its limit.
+    limit of the same family that is exceeded. Within a level those that are sure come first, each in the order of the
+    peak over its limit.
     """
     if found.empty:
         return found
@@ -95,8 +126,12 @@ def by_severity(found: pd.DataFrame) -> pd.DataFrame:
     size = found["limit_mm"] / found.groupby(_FAMILY)["limit_mm"].transform("min")
     rank = size.groupby(found["level"]).median()
     order = pd.DataFrame(
-        {"rank": severest["level"].map(rank), "ratio": severest["value_mm"].abs() / severest["limit_mm"]}
-    ).sort_values(["rank", "ratio"], ascending=False, kind="stable")
+        {
+            "rank": severest["level"].map(rank),
+            "sure": sure(severest),
+            "ratio": severest["value_mm"].abs() / severest["limit_mm"],
+        }
+    ).sort_values(["rank", "sure", "ratio"], ascending=False, kind="stable")
     return severest.loc[order.index].reset_index(drop=True)
 
 

@@ -6,6 +6,7 @@ from the result before :func:`trackfg.geometry.exceedances.exceedances` judges i
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
@@ -23,6 +24,20 @@ from trackfg.geometry.versine_chords import with_further_chords
 from trackfg.numerics.chainage_grid import cells_of
 from trackfg.results.official_places import shown_kilometrage, with_km
 from trackfg.results.result import Result
+from trackfg.results.verdict import NOT_TRUSTED, Quantity, widening
+
+_QUANTITIES: dict[str, Quantity] = {
+    "level": "level",
+    "alignment": "alignment",
+    "cross_level": "cross_level",
+    "reverse_cross_level": "cross_level",
+    "elevation": "cross_level",
+    "twist": "twist",
+    "warp": "twist",
+}
+"""The quantity whose verdict holds for each parameter of a limit: of differences of cross-level that of twist, as a
+constant error is in neither. The gauge has none.
+"""
 
 
 def judge(
@@ -30,6 +45,7 @@ def judge(
 ) -> Judgement:
     """Return where the geometry of a result exceeds limits, and which limits it does not suffice for.
 
+    What was found has a column ``trusted`` too: false where the verdict says that the quantity is not to be.
     ``line_speed_kmh`` is the speed that the line is limited for, not that of the run. With ``km`` the official place of
     each exceedance is beside its chainage; with None, where the line has a kilometrage. Raises ``BadInputError`` for a
     result without geometry, and where limits depend on the line's speed and it is None.
@@ -55,7 +71,16 @@ def judge(
         gauge_m=conventions.gauge_m,
         lengths=lengths,
     )
-    return replace(judgement, found=with_km(judgement.found, kilometrage))
+    doubted = {name for name, of in _QUANTITIES.items() if not math.isfinite(widening(result.summary.verdicts, of))}
+    found = judgement.found.assign(trusted=~judgement.found["parameter"].isin(doubted))
+    return replace(judgement, found=with_km(found, kilometrage))
+
+
+def doubt_about(result: Result) -> str:
+    """Return in words which quantities of track geometry are not to be trusted; nothing where all are."""
+    judged = set(_QUANTITIES.values())
+    names = [one.name for one in result.summary.verdicts if one.status == "not_trusted" and one.quantity in judged]
+    return f"{NOT_TRUSTED} in this run: {', '.join(names)}" if names else ""
 
 
 def write_exceedances(judgement: Judgement, path: Path) -> None:

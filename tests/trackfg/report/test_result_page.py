@@ -146,6 +146,17 @@ def test_what_is_not_to_be_trusted_is_so_named_wherever_it_is_drawn(make_result:
     assert rows["cross-level"][4:6] == ("0.100", "0.100")
 
 
+def test_limits_of_what_is_not_to_be_trusted_are_not_kept(make_result: Make) -> None:
+    result = make_result(rows=1000, verdicts=[not_trusted("twist")])
+    limit = Limit(standard="rule", level="alert", parameter="twist", base_m=5.0, kind="peak", value_mm=1.9)
+    page = result_page(result, "", None, judge(result, [limit])).html()
+    assert re.search(r"the severest: alert; (\d+) not to be trusted", page)
+    assert page.count("Not to be trusted in this run: twist.") == 2  # exceedances and quality
+    nothing = result_page(result, "", None, judge(result, [limit.model_copy(update={"value_mm": 99.0})])).html()
+    assert nothing.count("Not to be trusted in this run: twist.") == 2
+    assert 'class="good">No exceedance' not in nothing
+
+
 def test_settings_that_are_not_the_defaults_stand_out(make_result: Make) -> None:
     text = text_of(make_result(configuration={"output": {"rate_hz": 7.0}, "solver": {"max_iterations": 50}}))
     assert "Other than the defaults: output.rate_hz = 7." in text

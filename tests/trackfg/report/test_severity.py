@@ -1,12 +1,16 @@
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import replace
+
 import numpy as np
 import pandas as pd
 
 from trackfg.geometry.limits import Limit
-from trackfg.report.severity import by_kilometre, by_severity, quantity_text
-from trackfg.report.track_limits import judge
+from trackfg.report.severity import by_kilometre, by_severity, quantity_text, unsure_text, value_text
+from trackfg.report.track_limits import doubt_about, judge
 from trackfg.results.result import Result
+from trackfg.results.verdict import Verdict
 
 TWIST = Limit(standard="rule", level="alert", parameter="twist", base_m=5.0, kind="peak", value_mm=1.9)
 SEVERE = TWIST.model_copy(update={"level": "stop", "value_mm": 1.99})
@@ -36,6 +40,36 @@ def test_each_kilometre_has_its_exceedances(result: Result) -> None:
     assert kilometres[0].counts == {"alert": (found["chainage_m"] < 1000.0).sum()}
     assert kilometres[0].worst_text.startswith("twist over 5 m, 105 % at 0.")
     assert by_kilometre(found.head(0)) == []
+
+
+def test_what_exceeds_a_limit_for_sure_stands_first(result: Result) -> None:
+    """Twist peaks of 2 mm, three times as high in a gap where nothing was measured."""
+    gap = result.geometry["chainage_m"].between(500.0, 540.0)
+    twist, sd = result.geometry["twist_mm"], result.geometry["twist_mm_sd"] * 0.1
+    table = result.geometry.assign(twist_mm=twist.where(~gap, 3.0 * twist), twist_mm_sd=sd.where(~gap, 20.0))
+    found = by_severity(judge(replace(result, geometry=table), [TWIST]).found)
+    unsure = found["chainage_m"].between(500.0, 540.0)
+    assert 3 <= unsure.sum() < len(found)
+    assert unsure.tolist() == sorted(unsure)
+    assert [f"{one.share:.2f}" for one in by_kilometre(found)] == ["1.05", "1.05"]
+    assert unsure_text(found).startswith(f"{unsure.sum()} of them by less than 1.96 sigma")
+    assert value_text(found.iloc[-1].to_dict()).endswith(" ± 20.00")
+
+
+def test_what_is_not_to_be_trusted_is_marked(make_result: Callable[..., Result]) -> None:
+    """Warp has no sigma that would say so."""
+    doubted = Verdict(quantity="twist", status="not_trusted", factor=None, reasons=("seen",), hints=("do",))
+    warp = TWIST.model_copy(update={"parameter": "warp", "base_m": 20.0, "value_mm": 0.1})
+    level = Limit(standard="rule", level="stop", parameter="level", band="D1", kind="peak", value_mm=2.0)
+    result = make_result(rows=1000, verdicts=[doubted])
+    found = judge(result, [warp, level]).found
+    assert found.groupby("parameter")["trusted"].agg(["all", "any"]).to_dict("index") == {
+        "level": {"all": True, "any": True},
+        "warp": {"all": False, "any": False},
+    }
+    assert {value_text(row)[-14:] for row in found[~found["trusted"]].to_dict("records")} == {" (not trusted)"}
+    assert doubt_about(result) == "not to be trusted in this run: twist"
+    assert doubt_about(make_result()) == ""
 
 
 def test_kilometres_are_official_where_places_are() -> None:

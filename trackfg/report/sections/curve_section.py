@@ -7,10 +7,12 @@ import math
 from trackfg.curves import Curve, find_curves
 from trackfg.errors import BadInputError
 from trackfg.numerics.units import KMH
-from trackfg.report.numbers import NONE, digits, with_sd
+from trackfg.report.numbers import NONE, counted, digits, with_sd
 from trackfg.report.page import PageSection, PageTable, TableRow, Text, folded_if_long
 from trackfg.report.sections.places import PagePlaces
 from trackfg.results.result import Result
+from trackfg.results.verdict import Verdict
+from trackfg.results.widening import trusted
 
 
 def curves_of(result: Result) -> list[Curve]:
@@ -28,7 +30,7 @@ def curve_section(curves: list[Curve], result: Result, places: PagePlaces) -> Pa
     """Return the table of the curves, in order of chainage."""
     if not curves:
         return PageSection("curves", "Curves", (Text("No curve below a radius of 10 km was found."),))
-    rows = tuple(_row(curve, places, _speed_kmh(curve, result)) for curve in curves)
+    rows = tuple(_row(curve, places, _speed_kmh(curve, result), result.summary.verdicts) for curve in curves)
     headings = (
         "no.",
         "begin, km",
@@ -48,20 +50,27 @@ def curve_section(curves: list[Curve], result: Result, places: PagePlaces) -> Pa
         "Begin and end are those of the transitions, facing increasing chainage; values with 1 sigma. A curve that the "
         "run does not show whole has no end there. The speed is that of the run."
     )
-    text = Text(f"{len(curves)} curves. {note}", "note")
+    text = Text(f"{counted(len(curves), 'curve')}. {note}", "note")
     return PageSection("curves", "Curves", (text, *folded_if_long(table, "curves")))
 
 
-def _row(curve: Curve, places: PagePlaces, speed_kmh: float) -> TableRow:
+def _row(curve: Curve, places: PagePlaces, speed_kmh: float, verdicts: tuple[Verdict, ...]) -> TableRow:
     begin, end = places.written([curve.btc_m, curve.etc_m])
+
+    def estimate(name: str, column: str) -> str:
+        value = getattr(curve, name)
+        if trusted(verdicts, column) or math.isnan(value):
+            return with_sd(value, curve.sd(name), "")
+        return f"{digits(value)} (not trusted)"
+
     return TableRow(
         (
             str(curve.id),
             begin or NONE,
             end or NONE,
             curve.sense,
-            with_sd(curve.radius_m, curve.sd("radius_m"), ""),
-            with_sd(curve.cant_mm, curve.sd("cant_mm"), ""),
+            estimate("radius_m", "curvature_1pm"),
+            estimate("cant_mm", "cross_level_mm"),
             digits(curve.length_in_m),
             curve.law_in,
             digits(curve.arc_length_m),

@@ -10,9 +10,11 @@ from trackfg.geometry.exceedances import Judgement
 from trackfg.geometry.section_quality import index_channels
 from trackfg.numerics.arrays import Array
 from trackfg.report.consistency import named
+from trackfg.report.exceedances import doubt_text
 from trackfg.report.numbers import digits
 from trackfg.report.page import BarCell, BarRow, Block, ColourBar, Fold, PageSection, PageTable, TableRow, Text
 from trackfg.report.sections.places import PagePlaces
+from trackfg.report.track_limits import doubt_about
 from trackfg.report.track_statistics import track_statistics
 from trackfg.results.result import Result
 
@@ -42,7 +44,9 @@ def quality_section(result: Result, judgement: Judgement | None, places: PagePla
     leading = next((name for name in rated if name.startswith("sd_level")), rated[0])
     worst = table.sort_values(leading, ascending=False, kind="stable", na_position="last").head(_WORST)
     whole = _table(table, channels, places)
+    doubt = doubt_about(result)
     blocks: list[Block] = [
+        *([doubt_text(doubt)] if doubt else []),
         _bar(table, rated, places),
         Text(_note(result, channels), "note"),
     ]
