@@ -11,7 +11,6 @@ import pandas as pd
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.units import KMH
 from trackfg.plots.scales import extent, symmetric, with_limits, with_margin
-from trackfg.results.columns import RAIL_COLUMNS
 from trackfg.results.summary import GeometryConventions
 from trackfg.results.verdict import Verdict
 from trackfg.results.widening import trusted
@@ -58,8 +57,15 @@ CURVATURE = GeometryChannel("curvature_1pm", "curvature", "1/km", 0.1, scale=100
 
 
 def centre_or_rails(table: pd.DataFrame) -> tuple[GeometryChannel, ...]:
-    """Return level and alignment, of each rail and with the gauge where the table has them."""
-    return RAILS if RAIL_COLUMNS[0] in table else CENTRE
+    """Return level and alignment, each of both rails where it was measured of one, and the gauge where there is one.
+
+    Another system's table may have columns of rails that are empty beside those of the centre line.
+    """
+    shown: list[GeometryChannel] = []
+    for centre in CENTRE:
+        rails = [one for one in RAILS if one.column.startswith(f"{centre.label}_") and one.column in table]
+        shown += rails if table[[one.column for one in rails]].notna().any(axis=None) else [centre]
+    return (*shown, *(one for one in RAILS if one.twin is None and one.column in table))
 
 
 def measured_channels(

@@ -17,6 +17,7 @@ from trackfg.geometry.bands import BANDS
 from trackfg.geometry.curves import curve_sense
 from trackfg.geometry.limits import Limit, at_line_speed
 from trackfg.numerics.arrays import Array
+from trackfg.plots.geometry_channels import centre_or_rails
 from trackfg.plots.strip_chart import LimitLine
 from trackfg.results.result import Result
 from trackfg.results.summary import GeometryConventions
@@ -86,8 +87,9 @@ def _columns(limit: Limit, result: Result) -> list[str]:
         return ["cross_level_mm"]
     if limit.chord_m is not None:
         return [f"versine_{limit.parameter}_mm"]
-    if limit.band is not None and result.has_rails:
-        return [f"{limit.parameter}_{side}_mm" for side in ("left", "right")]
+    if limit.band is not None:
+        shown = (channel.column for channel in centre_or_rails(result.geometry))
+        return [name for name in shown if name.startswith(f"{limit.parameter}_")]
     return [f"{limit.parameter}_mm"]
 
 

@@ -38,17 +38,27 @@ def exceedance_spans(judgement: Judgement | None, columns: Sequence[str], scale:
         return ()
     found = judgement.found.drop_duplicates(["column", "from_m", "to_m"])
     stretches = zip(found["column"], found["from_m"], found["to_m"], strict=True)
-    return tuple(Span(scale * start, scale * end, RED, _panel_of(name, columns)) for name, start, end in stretches)
+    return tuple(
+        Span(scale * start, scale * end, RED, panel)
+        for name, start, end in stretches
+        for panel in _panels_of(name, columns)
+    )
 
 
-def _panel_of(judged: str, columns: Sequence[str]) -> int | None:
-    """Return the panel that shows what was judged; None where none does.
+def _panels_of(judged: str, columns: Sequence[str]) -> Sequence[int | None]:
+    """Return the panels that show what was judged; None, for all of them, where none does.
 
-    A quantity of another chord or band, such as ``versine_level_18.8976m_mm``, is shaded where ``versine_level_mm`` is.
+    A quantity of another chord or band, such as ``versine_level_18.8976m_mm``, is shaded where ``versine_level_mm`` is,
+    and one of the centre line, such as ``level_d2_mm``, where both rails are.
     """
     stems = [name.removesuffix("_mm") for name in columns]
+    judged = judged.removeprefix("profile_")
     shown = [i for i, stem in enumerate(stems) if judged.startswith(f"{stem}_")]
-    return max(shown, key=lambda i: len(stems[i])) if shown else None
+    if shown:
+        return [max(shown, key=lambda i: len(stems[i]))]
+    quantity = judged.partition("_")[0]
+    rails = [i for i, stem in enumerate(stems) if stem in (f"{quantity}_left", f"{quantity}_right")]
+    return rails or [None]
 
 
 def exceedance_places(judgement: Judgement | None) -> list[ChartPlace]:

@@ -108,12 +108,18 @@ def result_page(
     curves = [] if result.geometry.empty else curves_of(result)
     along = _Along(curves, background, PagePlaces(kilometrage))
     track = _track(result, against, (judgement, tuple(limits)), along)
+    headlines = () if judgement is None else (exceedance_tile(judgement),)
     if page.solver is None:
-        sections = [measured_elsewhere(result), *track, _findings(result), *kilometrage_sections(result, line)]
+        sections = [
+            measured_elsewhere(result, headlines),
+            *track,
+            _findings(result),
+            *kilometrage_sections(result, line),
+        ]
         subtitle = f"{way}, measured by another system, imported by trackfg {_version(result)}"
         return Page("result", page.recording_id, subtitle, (*sections, _made(result, command)))
     sections = [
-        summary_section(result, page.solver, () if judgement is None else (exceedance_tile(judgement),)),
+        summary_section(result, page.solver, headlines),
         *track,
         _findings(result),
         *kilometrage_sections(result, line),

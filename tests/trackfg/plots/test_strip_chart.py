@@ -88,6 +88,13 @@ def test_channels_from_top_to_bottom(result: Result, with_rails: Result) -> None
     assert rails[5:] == common
 
 
+def test_rails_that_were_not_measured_do_not_hide_the_centre_line(with_rails: Result) -> None:
+    """As a table of another system may have them; here of the level alone."""
+    partly = changed(with_rails, **{name: np.nan for name in RAIL_COLUMNS if name.startswith("level")})
+    names = [panel.curves[0].name for panel in geometry_sheet(partly, None, None, ()).panels]
+    assert names[:4] == ["level", "alignment left rail", "alignment right rail", "gauge"]
+
+
 def test_units_of_the_labels(result: Result) -> None:
     sheet = geometry_sheet(result, None, None, ())
     speed, curvature = panel(sheet, "speed"), panel(sheet, "curvature")

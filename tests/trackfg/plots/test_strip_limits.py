@@ -42,6 +42,13 @@ def test_a_limit_both_ways_is_two_lines_with_one_label(result: Result) -> None:
     assert not left_out
 
 
+def test_a_limit_stands_where_the_chart_has_its_quantity(with_rails: Result) -> None:
+    empty = {name: np.nan for name in RAIL_COLUMNS if name.startswith("level")}
+    partly = replace(with_rails, geometry=with_rails.geometry.assign(**empty))
+    lines, _ = limit_lines(partly, [limit(parameter=name, band="D1") for name in ("level", "alignment")])
+    assert list(dict.fromkeys(line.column for line in lines)) == ["level_mm", "alignment_left_mm", "alignment_right_mm"]
+
+
 def test_bands_of_each_rail_and_gauge_from_the_nominal_one(with_rails: Result) -> None:
     table = [
         limit(parameter="level", band="D1"),

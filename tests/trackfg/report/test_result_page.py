@@ -185,6 +185,18 @@ def test_rails_where_there_are_lasers(result: Result) -> None:
     ]
 
 
+def test_exceedances_of_the_centre_line_are_shaded_at_the_rails(result: Result) -> None:
+    rails = {name: 0.1 if name.endswith("_sd") else 0.0 for name in RAIL_COLUMNS}
+    both = replace(result, geometry=result.geometry.assign(**rails))
+    level = Limit(standard="rule", level="alert", parameter="level", band="D1", kind="peak", value_mm=2.0)
+    judgement = judge(both, [level])
+    assert set(judgement.found["column"]) == {"level_mm"}
+    (strips, _) = geometry_strips(both, pd.DataFrame(), judgement)
+    shaded = {strips.panels[span.panel].label for span in strips.spans if span.panel is not None}
+    assert shaded == {"level\nleft rail", "level\nright rail"}
+    assert len(strips.spans) == 2 * len(judgement.found)
+
+
 def test_every_quantity_but_speed_has_a_band(result: Result) -> None:
     strips, errors = geometry_strips(result, pd.DataFrame())
     assert errors is None

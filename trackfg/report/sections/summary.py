@@ -21,11 +21,11 @@ _SIGNED = ("Checked by", "Date", "Signature")
 """What is filled in by hand on the first sheet of paper."""
 
 
-def measured_elsewhere(result: Result) -> PageSection:
-    """Return the summary of a geometry that was not smoothed here."""
-    tile = Tile("length", length(result.summary.distance_m), _extent(result))
+def measured_elsewhere(result: Result, headlines: tuple[Tile, ...] = ()) -> PageSection:
+    """Return the summary of a geometry that was not smoothed here, below ``headlines``."""
+    tiles = (*headlines, Tile("length", length(result.summary.distance_m), _extent(result)))
     text = "Another system measured this geometry: what its sigmas are worth is not known here."
-    return PageSection("summary", "Summary", (Text(text), Tiles((tile,)), measured_table(result)))
+    return PageSection("summary", "Summary", (Text(text), Tiles(tiles), measured_table(result)))
 
 
 def summary_section(result: Result, solver: Solver, headlines: tuple[Tile, ...] = ()) -> PageSection:
