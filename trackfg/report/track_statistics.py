@@ -18,7 +18,8 @@ def track_statistics(result: Result, *, section_m: float = 200.0, judgement: Jud
     """Return one row per section with the columns of :func:`~trackfg.geometry.section_quality.section_quality`.
 
     Channels are all that the geometry knows; of a smoothed run also level and alignment in the bands D2 and D3. Of
-    ``judgement`` there is a share for each column and level that has a peak beyond it.
+    ``judgement`` there is a share for each column and level that has a peak beyond it; of what is computed from two
+    places the limit is named in place of the column, such as ``warp_over_18.9_m``.
     Raises :class:`BadInputError` for a result without geometry.
     """
     geometry, meaning = result.geometry_for("statistics"), result.summary.geometry
@@ -30,15 +31,19 @@ def track_statistics(result: Result, *, section_m: float = 200.0, judgement: Jud
 
 
 def _beyond(chainage: Array, judgement: Judgement) -> dict[str, NDArray[np.bool_]]:
-    """Return for each column and level with a peak beyond its limit where it is beyond, bool (n,)."""
+    """Return for each column or computed quantity and level with a peak beyond its limit where it is beyond, (n,)."""
     found = judgement.found[judgement.found["kind"] == "peak"]
+    computed = found["parameter"].isin(_COMPUTED) & (found["column"] != "twist_mm")
+    found = found.assign(column=found["column"].where(~computed, found["quantity"]))
     out: dict[str, NDArray[np.bool_]] = {}
     for (column, level), table in found.groupby(["column", "level"], sort=True):
         first, stop = (np.searchsorted(chainage, table[name].to_numpy() + side) for name, side in _ENDS)
         steps = np.bincount(first, minlength=len(chainage) + 1) - np.bincount(stop, minlength=len(chainage) + 1)
-        out[f"{column}_{str(level).replace(' ', '_')}"] = np.cumsum(steps)[:-1] > 0
+        out[f"{column}_{level}".replace(" ", "_")] = np.cumsum(steps)[:-1] > 0
     return out
 
 
+_COMPUTED = ("twist", "warp", "gauge_change")
+"""Parameters of limits that compare a column at two places, where it is not the twist of the table."""
 _ENDS = (("from_m", -1e-6), ("to_m", 1e-6))
 """The ends of an exceedance, and what puts their own rows inside."""

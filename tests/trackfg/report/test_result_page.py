@@ -21,6 +21,7 @@ from trackfg.report.motion_charts import motion_strips
 from trackfg.report.result_page import result_page
 from trackfg.report.sections.summary import measured_table
 from trackfg.report.track_limits import judge
+from trackfg.report.track_statistics import track_statistics
 from trackfg.report.truth import Against, against
 from trackfg.results.columns import RAIL_COLUMNS
 from trackfg.results.result import Result
@@ -195,6 +196,14 @@ def test_exceedances_of_the_centre_line_are_shaded_at_the_rails(result: Result) 
     shaded = {strips.panels[span.panel].label for span in strips.spans if span.panel is not None}
     assert shaded == {"level\nleft rail", "level\nright rail"}
     assert len(strips.spans) == 2 * len(judgement.found)
+
+
+def test_shares_of_warp_are_not_of_cross_level(result: Result) -> None:
+    warp = Limit(standard="rule", level="stop", parameter="warp", base_m=18.8976, kind="peak", value_mm=0.1)
+    judgement = judge(result, [warp])
+    shares = [name for name in track_statistics(result, judgement=judgement) if name.startswith("share")]
+    assert shares == ["share_beyond_warp_over_18.9_m_stop"]
+    assert "% beyond warp over 18.9 m, stop" in result_page(result, "", None, judgement).html()
 
 
 def test_every_quantity_but_speed_has_a_band(result: Result) -> None:

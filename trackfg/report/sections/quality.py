@@ -98,7 +98,11 @@ def _table(table: pd.DataFrame, channels: tuple[str, ...], places: PagePlaces, c
 
 def _beyond(column: str) -> str:
     """Return channel and level of a column of shares as they are read."""
-    channel, _, level = column.removeprefix("share_beyond_").partition("_mm_")
+    name = column.removeprefix("share_beyond_")
+    channel, _, level = name.partition("_mm_")
+    if not level:  # computed over a base: ``warp_over_18.9_m_alert``
+        channel, _, level = name.partition("_m_")
+        channel += " m"
     return f"{channel.replace('cross_level', 'cross-level')}, {level}".replace("_", " ")
 
 
