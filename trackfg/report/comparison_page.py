@@ -70,8 +70,14 @@ def _beaten(comparison: Comparison) -> PageSection:
     beaten = sum(row.beats_the_smoother for row in held)
     sure = sum(surely_beats(row) for row in held)
     title = "Where a published system beats the smoother"
+    if not held:
+        text = "No published system has a score beside one of the smoother."
+        return PageSection("beaten", title, (Text(text),), "Where others win")
     if not beaten:
-        text = "Nowhere: in every quantity, case and speed band the smoother's error is the smallest."
+        text = (
+            "Nowhere: in every quantity, case and speed band the smoother's error is the smallest "
+            f"({counted(len(held), 'score')} of other systems)."
+        )
         return PageSection("beaten", title, (Text(text, "good"),), "Where others win")
     table, shown = beaten_table(comparison.about), max(sure, _FEW)
     blocks: list[Block] = [

@@ -50,6 +50,7 @@ def estimator_table(about: About) -> PageTable:
 
 def best_table(about: About) -> PageTable:
     """Return the smoother against the best of the others, a row per case and quantity, over whole runs."""
+    of_parts = {case.name for case in about.cases if case.basis == "withheld"}
     places: dict[tuple[str, str], list[Score]] = {}
     for row in about.rows:
         if row.from_kmh is None:
@@ -72,7 +73,7 @@ def best_table(about: About) -> PageTable:
                     digits(best.to_smoother),
                     interval(best.to_smoother_interval),
                     str(best.runs),
-                    verdict_on(best),
+                    verdict_on(best, parts=case in of_parts),
                 ),
                 mark="bad" if best.beats_the_smoother else "",
             )
@@ -96,8 +97,11 @@ def _by_case(table: PageTable, about: About) -> PageTable:
     return without_columns(table, (0,) if len(about.cases) == 1 else ())
 
 
-def verdict_on(row: Score) -> str:
-    """Return in words what the ratio of a system's error to the smoother's says, and how far so many runs say it."""
+def verdict_on(row: Score, *, parts: bool = False) -> str:
+    """Return in words what the ratio of a system's error to the smoother's says, and how far so many runs say it.
+
+    ``parts``: what counts as runs are the parts of one that were withheld, so the interval says nothing of other runs.
+    """
     if row.to_smoother is None:
         return "no ratio"
     better = row.to_smoother > 1.0
@@ -105,11 +109,12 @@ def verdict_on(row: Score) -> str:
         side = "better" if better else "worse"
         return f"the smoother is {side} in this {'run' if row.runs == 1 else 'set of runs'}; others may differ"
     low, high = row.to_smoother_interval
+    where, others = (" in this run", "; other runs may differ") if parts else ("", "")
     if low > 1.0:
-        return "the smoother is better: the whole interval is above 1"
+        return f"the smoother is better{where}: the whole interval is above 1{others}"
     if high < 1.0:
-        return "the smoother is worse: the whole interval is below 1"
-    return f"{row.runs} runs do not decide: the interval holds 1"
+        return f"the smoother is worse{where}: the whole interval is below 1{others}"
+    return f"{row.runs} {'parts of this run' if parts else 'runs'} do not decide: the interval holds 1"
 
 
 def beaten_table(about: About) -> PageTable:

@@ -11,7 +11,7 @@ from trackfg.comparison.table import Comparison
 from trackfg.report.charts import Figure, Strips
 from trackfg.report.comparison_charts import by_speed, case_curves, colours, run_times
 from trackfg.report.comparison_page import comparison_page
-from trackfg.report.comparison_tables import beaten_table, score_table
+from trackfg.report.comparison_tables import beaten_table, score_table, verdict_on
 
 COLOURS = colours(["smoother", "rival"])
 
@@ -35,8 +35,22 @@ def test_where_the_smoother_is_beaten_is_said_at_the_top(comparison: Comparison)
 
 
 def test_where_it_is_not_beaten_that_is_said(comparison: Comparison) -> None:
-    page = comparison_page(without_rows(comparison, "rival"), "")
+    worse = tuple(row for row in comparison.about.rows if not row.beats_the_smoother)
+    page = comparison_page(replace(comparison, about=comparison.about.model_copy(update={"rows": worse})), "")
+    others = sum(row.to_smoother is not None for row in worse)
+    assert others > 0
     assert "Nowhere: in every quantity" in page.html()
+    assert f"({others} score" in page.html()
+    alone = comparison_page(without_rows(comparison, "rival"), "").html()
+    assert "No published system has a score beside one of the smoother" in alone
+    assert "Nowhere" not in alone
+
+
+def test_parts_of_one_run_say_nothing_of_other_runs(comparison: Comparison) -> None:
+    row = next(row for row in comparison.about.rows if row.to_smoother_interval is not None)
+    row = row.model_copy(update={"to_smoother": 3.0, "to_smoother_interval": (2.0, 4.0)})
+    assert verdict_on(row) == "the smoother is better: the whole interval is above 1"
+    assert verdict_on(row, parts=True).endswith("is above 1; other runs may differ")
 
 
 def test_one_table_per_task(comparison: Comparison) -> None:
