@@ -163,6 +163,9 @@ def test_what_is_no_profile_is_refused_with_its_row(tmp_path: Path, waves: dict[
         measured(written(tmp_path / "run.csv", table))
     with pytest.raises(BadInputError, match="neither a result nor a table of track geometry"):
         read_geometry(written(tmp_path / "other.csv", pd.DataFrame({"a": [1, 2], "b": [3, 4]})))
+    written(tmp_path / "comparison.json", table)
+    with pytest.raises(BadInputError, match="is a comparison; expected a trackfg result"):
+        read_geometry(tmp_path)
     with pytest.raises(BadInputError, match="no column 'level_lefft_mm' of a geometry"):
         mapping_of({"format": FORMAT, "geometry": {"place": "x", "channels": {"level_lefft_mm": "a"}}}, "m.toml")
 

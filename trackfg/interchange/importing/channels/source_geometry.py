@@ -7,6 +7,7 @@ from pathlib import Path
 import tomli_w
 
 from trackfg.errors import BadInputError
+from trackfg.files.owned_folder import kind_of
 from trackfg.interchange.importing.channels.measured_geometry import measured_result
 from trackfg.interchange.importing.channels.proposed_reading import proposed_reading
 from trackfg.interchange.importing.columns.column_meaning import triples
@@ -50,8 +51,8 @@ def geometry_mapping_text(reading: GeometryReading) -> str:
 
 def read_geometry(path: Path) -> Result:
     """Read a result, or another system's channel table as one. Raises :class:`BadInputError` where it is neither."""
-    if RESULT_FOLDER.holds(path):
-        return Result.read(path)
+    if RESULT_FOLDER.holds(path) or kind_of(path) not in (None, "result"):
+        return Result.read(path)  # which says what another folder of trackfg is, and what to do
     measured = geometry_in(path, None, None)
     if measured is None:
         raise BadInputError(
