@@ -72,7 +72,7 @@ def measured_channels(
     table: pd.DataFrame, channels: Sequence[GeometryChannel], verdicts: Sequence[Verdict] = ()
 ) -> tuple[GeometryChannel, ...]:
     """Return those of the channels that the table knows anywhere; what is not to be trusted is so labelled."""
-    measured = (channel for channel in channels if table[channel.column].notna().any())
+    measured = (one for one in channels if one.column in table and table[one.column].notna().any())
     return tuple(replace(one, label=label_of(one.label, one.column, verdicts)) for one in measured)
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 import pandas as pd
@@ -10,8 +10,10 @@ import pandas as pd
 from trackfg.geometry.exceedances import Judgement
 from trackfg.numerics.arrays import Array
 from trackfg.plots.geometry_channels import (
+    CENTRE,
     COMMON,
     CURVATURE,
+    RAILS,
     GeometryChannel,
     base_of,
     centre_or_rails,
@@ -54,6 +56,13 @@ def channels(table: pd.DataFrame, verdicts: Sequence[Verdict] = ()) -> tuple[Geo
     labelled.
     """
     return measured_channels(table, (*centre_or_rails(table), *COMMON[:-1], CURVATURE, COMMON[-1]), verdicts)
+
+
+def channels_of_any(tables: Iterable[pd.DataFrame]) -> tuple[GeometryChannel, ...]:
+    """Return what any of some geometry tables is shown by, in the order of the chart."""
+    found = {channel.column: channel for table in tables for channel in channels(table)}
+    order = (*CENTRE, *RAILS, *COMMON[:-1], CURVATURE, COMMON[-1])
+    return tuple(found[channel.column] for channel in order if channel.column in found)
 
 
 def chainage_axis(chainage_m: Array) -> tuple[str, float]:

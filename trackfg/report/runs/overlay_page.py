@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Hashable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -14,7 +15,7 @@ from trackfg.plots.sheet import BAND, BLUE
 from trackfg.report.charts import PALETTE, ChartLine, ChartPanel, Strips, whole_range
 from trackfg.report.columns import packed, packed_sigma, packed_value
 from trackfg.report.consistency import named
-from trackfg.report.geometry_charts import chainage_axis, channels
+from trackfg.report.geometry_charts import chainage_axis, channels_of_any
 from trackfg.report.numbers import digits, length
 from trackfg.report.page import Code, Drawing, Page, PageSection, PageTable, TableRow, Text, Tile, Tiles, folded_if_long
 
@@ -72,7 +73,7 @@ def runs_chart(
     *,
     first_wide: bool = False,
 ) -> Strips:
-    """Return a panel per channel of the first run, with a line per run that has it; ``x_range`` in m.
+    """Return a panel per channel of any run, with a line per run that has it; ``x_range`` in m.
 
     ``colours``: of the runs by name, in the order of their geometries. ``first_wide``: the line of the first run is
     wide, to be seen beside the others.
@@ -80,15 +81,16 @@ def runs_chart(
     unit, scale = chainage_axis(np.array(x_range))
     places = [packed(scale * table["chainage_m"].to_numpy(), scale * _PLACE_M) for table in geometries]
     panels = []
-    for channel in channels(geometries[0]):
+    first = next(iter(colours))
+    for channel in channels_of_any(geometries):
         lines, extents = list[ChartLine](), []
         for (name, colour), table, x in zip(colours.items(), geometries, places, strict=True):
             if channel.column in table and table[channel.column].notna().any():
                 values = channel.scale * table[channel.column].to_numpy(dtype=np.float64)
-                lines.append(ChartLine(name, colour, x, packed_value(values), wide=first_wide and not lines))
-                if channel.twin is None or channel.twin in table:
-                    base = 0.0 if channel.deviation else float(np.nanmedian(values))
-                    extents.append(channel_extent(table, channel, base))
+                lines.append(ChartLine(name, colour, x, packed_value(values), wide=first_wide and name == first))
+                base = 0.0 if channel.deviation else float(np.nanmedian(values))
+                both = channel if channel.twin in table else replace(channel, twin=None)
+                extents.append(channel_extent(table, both, base))
         low, high = with_margin(min(low for low, _ in extents), max(high for _, high in extents))
         panels.append(ChartPanel(channel.label, channel.unit, tuple(lines), (low, high), share=channel.share))
     shown = scale * x_range[0], scale * x_range[1]
