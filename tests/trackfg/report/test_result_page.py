@@ -19,6 +19,7 @@ from trackfg.report.consistency import coverage_table, error_table, histograms, 
 from trackfg.report.geometry_charts import geometry_strips
 from trackfg.report.motion_charts import motion_strips
 from trackfg.report.result_page import result_page
+from trackfg.report.sections.quality import bar_places
 from trackfg.report.sections.summary import measured_table
 from trackfg.report.track_limits import judge
 from trackfg.report.track_statistics import track_statistics
@@ -204,6 +205,13 @@ def test_shares_of_warp_are_not_of_cross_level(result: Result) -> None:
     shares = [name for name in track_statistics(result, judgement=judgement) if name.startswith("share")]
     assert shares == ["share_beyond_warp_over_18.9_m_stop"]
     assert "% beyond warp over 18.9 m, stop" in result_page(result, "", None, judgement).html()
+
+
+@pytest.mark.parametrize(("sections", "stretches"), [(1, 1), (2, 2), (7, 7), (9, 3), (45, 5), (48, 8), (299, 5)])
+def test_places_below_a_bar(sections: int, stretches: int) -> None:
+    places = bar_places(400.0, 400.0 + 200.0 * sections, 200.0)
+    assert len(places) == stretches + 1
+    assert np.diff(places) == pytest.approx(200.0 * sections / stretches)
 
 
 def test_every_quantity_but_speed_has_a_band(result: Result) -> None:

@@ -30,6 +30,8 @@ _DARK = 2.0
 """Times the best section, at least, is the end of the colours: sections that are nearly alike look alike."""
 _MOST_PLACES = 8
 """Stretches between the places below a bar, at most: their names have room on a tablet."""
+_FEWEST_PLACES, _PLACES = 3, 5
+"""Fewer stretches that end with sections do not do for a long bar: it has so many that do not."""
 
 
 def quality_section(result: Result, judgement: Judgement | None, places: PagePlaces) -> PageSection:
@@ -130,10 +132,12 @@ def _bar(table: pd.DataFrame, rated: list[str], places: PagePlaces) -> ColourBar
 
 def bar_places(start_m: float, end_m: float, section_m: float) -> Array:
     """Return the places written below a bar, evenly from its first section to its last, m: at ends of sections where
-    their number can be divided.
+    their number has a divisor that leaves enough of them.
     """
     sections = max(round((end_m - start_m) / section_m), 1)
     stretches = max(k for k in range(1, _MOST_PLACES + 1) if sections % k == 0)
+    if stretches < min(_FEWEST_PLACES, sections):
+        stretches = _PLACES
     return np.linspace(start_m, end_m, stretches + 1)
 
 
