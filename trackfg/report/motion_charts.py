@@ -278,6 +278,13 @@ def _path(name: str, table: pd.DataFrame, colour: str, width: float) -> dict[str
     }
 
 
+def _marker(kind: str) -> dict[str, object]:
+    """Return how an event is marked: a position that was not used stands out among those that were."""
+    if kind.endswith("set aside"):
+        return {"size": 9, "symbol": "x", "color": RED}
+    return {"size": 8, "symbol": "square", "color": _SHADES.get(kind, "#2f855a")}
+
+
 def _event_markers(result: Result) -> list[dict[str, object]]:
     t = result.trajectory["t_s"].to_numpy()
     traces: list[dict[str, object]] = []
@@ -294,7 +301,7 @@ def _event_markers(result: Result) -> list[dict[str, object]]:
                 "hovertemplate": "%{text}<br>east %{x:.2f} m<br>north %{y:.2f} m<extra>"
                 + plain(str(kind))
                 + "</extra>",
-                "marker": {"size": 8, "symbol": "square", "color": _SHADES.get(str(kind), "#2f855a")},
+                "marker": _marker(str(kind)),
             }
         )
     return traces
