@@ -36,6 +36,7 @@ class ExportChoices:
 @with_options(ExportChoices)
 def export(options: ExportChoices) -> None:
     """Write a result in the format of another system: tables, geographic data, LandXML, RCM-DX, TUM, MCAP."""
+    from trackfg.cli.tables import warn_of_doubt
     from trackfg.errors import BadInputError, expected_one_of
     from trackfg.interchange.exporting.channels import read_template
     from trackfg.interchange.exporting.export import export_result
@@ -57,5 +58,7 @@ def export(options: ExportChoices) -> None:
     wanted = ExportOptions(options.table, channels, options.step, options.km, options.bands)
     target = options.out or options.result.with_name(form.file_name(options.result.name, wanted))
     with working("export"):
-        export_result(Result.read(options.result), form, target, wanted)
+        content = Result.read(options.result)
+        export_result(content, form, target, wanted)
+    warn_of_doubt(content, options.result)
     tell(str(target))

@@ -472,8 +472,9 @@ def limits(
     Limits that the geometry does not suffice for are listed with the reason.
     """
     from trackfg.cli import limit_tables
+    from trackfg.cli.tables import warn_of_doubt
     from trackfg.geometry.limits import LimitChoice
-    from trackfg.report.track_limits import doubt_about, judge, write_exceedances
+    from trackfg.report.track_limits import judge, write_exceedances
     from trackfg.results.result import Result
 
     if out is not None:
@@ -482,8 +483,7 @@ def limits(
     with working("limits"):
         content = Result.read(result)
         judgement = judge(content, chosen, line_speed, km=km)
-    if doubt := doubt_about(content):
-        complain(f"trackfg: warning: {doubt}. Hint: trackfg report {result} says why")
+    warn_of_doubt(content, result)
     if out is not None:
         write_exceedances(judgement, out)
     if json:

@@ -41,6 +41,7 @@ def overlay(
     No hint of the offset is needed. The exit status is 2 where a run has no track in common with the first. In OUT are
     shifts.csv, differences.csv, overlay.json and a page with all runs over one axis.
     """
+    from trackfg.cli.tables import warn_of_doubt
     from trackfg.files.owned_folder import FolderKind
     from trackfg.interchange.importing.channels.source_geometry import read_geometry
     from trackfg.mapping.runs.run_overlay import overlaid
@@ -49,10 +50,13 @@ def overlay(
         library("plotly", "charts")  # of the page
         FolderKind("overlay", _HEAD, "trackfg-overlay/", _FILES).refuse_foreign(out)
     with working("overlay"):
-        laid = overlaid([read_geometry(path) for path in runs], _names(runs), section_m=float(section))
+        results = [read_geometry(path) for path in runs]
+        laid = overlaid(results, _names(runs), section_m=float(section))
         if out is not None:
             command = shlex.join(["trackfg", "overlay", *map(str, runs), "-o", str(out), "--section", str(section)])
             _write(laid, out, command)
+    for result, path in zip(results, runs, strict=True):
+        warn_of_doubt(result, path)
     if json:
         print(_as_json(laid))
         return

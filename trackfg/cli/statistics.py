@@ -10,7 +10,7 @@ from typing import Annotated
 import typer
 
 from trackfg.cli.options import Json, Limits, LineSpeed, TableFile
-from trackfg.cli.terminal import complain, numbers, show_or_tell, titled, working
+from trackfg.cli.terminal import numbers, show_or_tell, titled, working
 
 _MOST_COLUMNS = 8
 """Columns that are shown in a terminal."""
@@ -25,19 +25,18 @@ def statistics(
     json: Json = False,
 ) -> None:
     """Print standard deviations of every channel per section, the track quality index, and shares beyond limits."""
-    from trackfg.cli.tables import records
+    from trackfg.cli.tables import records, warn_of_doubt
     from trackfg.files.atomic_file import write_whole
     from trackfg.geometry.limits import LimitChoice
     from trackfg.interchange.importing.channels.source_geometry import read_geometry
-    from trackfg.report.track_limits import doubt_about, judge
+    from trackfg.report.track_limits import judge
     from trackfg.report.track_statistics import track_statistics
 
     with working("sections"):
         content = read_geometry(result)
         judgement = None if limits is None else judge(content, LimitChoice(limits, None).table(), line_speed)
         table = track_statistics(content, section_m=section, judgement=judgement)
-    if doubt := doubt_about(content):
-        complain(f"trackfg: warning: {doubt}. Hint: trackfg report {result} says why")
+    warn_of_doubt(content, result)
     if out is not None:
         write_whole(out, table.to_csv(index=False).encode("utf-8"))
     if json:

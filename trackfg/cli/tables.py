@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -13,7 +14,7 @@ from rich.console import RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from trackfg.cli.terminal import columns, titled
+from trackfg.cli.terminal import columns, complain, titled
 from trackfg.results.result import Result
 from trackfg.results.summary import Estimate, Mounting, Solver, Summary, VectorEstimate
 from trackfg.results.verdict import causes, opinions
@@ -203,6 +204,14 @@ def named_values(title: str, rows: Mapping[str, str]) -> Table:
         if text:
             table.add_row(name, Text(text))
     return table
+
+
+def warn_of_doubt(result: Result, folder: Path) -> None:
+    """Warn of quantities of track geometry that are not to be trusted, whose values a command shows or passes on."""
+    from trackfg.report.track_limits import doubt_about
+
+    if doubt := doubt_about(result):
+        complain(f"trackfg: warning: {folder}: {doubt}. Hint: trackfg report {folder} says why")
 
 
 def records(table: pd.DataFrame) -> list[dict[str, Any]]:

@@ -132,7 +132,7 @@ def test_folders_of_another_kind_are_named(tmp_path: Path) -> None:
         ("plot live", "live: is a stream; expected a trackfg result. Hint: smooth the recording"),
         ("plot base", "base: is a baseline's result; expected a trackfg result. Hint: trackfg compare makes"),
         ("smooth live -o new", "live: is a stream; expected a folder with recording.toml"),
-        ("statistics run", "run: is a trackfg recording; expected a source of one of"),
+        ("statistics run", "run: is a recording; expected a trackfg result. Hint: trackfg smooth makes"),
         ("smooth out -o new", "out: is a result; expected a folder with recording.toml"),
     ):
         done = run(f"trackfg {command}", tmp_path)

@@ -687,7 +687,7 @@ def test_limits_of_the_law(run: Run, result: Path) -> None:
     assert same.out == done.out
 
 
-@pytest.mark.parametrize("arguments", [("limits", "--limits", "cfr-213"), ("statistics",)])
+@pytest.mark.parametrize("arguments", [("limits", "--limits", "cfr-213"), ("statistics",), ("export", "--to", "csv")])
 def test_what_is_not_to_be_trusted_is_said(
     run: Run, make_result: Callable[..., Result], tmp_path: Path, arguments: tuple[str, ...]
 ) -> None:
@@ -696,7 +696,7 @@ def test_what_is_not_to_be_trusted_is_said(
     done = run(arguments[0], out, *arguments[1:])
     assert done.status == 0
     assert done.err == (
-        f"trackfg: warning: not to be trusted in this run: twist. Hint: trackfg report {out} says why\n"
+        f"trackfg: warning: {out}: not to be trusted in this run: twist. Hint: trackfg report {out} says why\n"
     )
 
 
