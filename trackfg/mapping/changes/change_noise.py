@@ -48,6 +48,9 @@ _FREEDOM, _FREEDOM_WITHOUT_SLOW_PART = 20.0, 10.0
 Chosen on simulated runs; see Assumptions in docs/engine.md."""
 _ROUNDING = 1e-6
 """Spread over the stated sigma below which a difference is rounding: doubles keep 16 digits, sensors know five."""
+_OTHER_RUNS = 0.25
+"""Difference of the number of runs from its slow part from which other runs are averaged there: where one run ends, the
+slow part lies half a run from either number."""
 _SLOWEST_MPS = 0.5
 """Least speed of a band of speed, m/s."""
 FEWEST_CROSSINGS_PER_M = 0.02
@@ -156,7 +159,7 @@ def _steps_of_mean(grid: pd.DataFrame, name: str, step_m: float) -> Array:
     two variances: here from that of the runs thereabouts, to which the slow part belongs.
     """
     variance, observations = grid[f"{name}_sd"].to_numpy() ** 2, grid["observations"].to_numpy(float)
-    others = np.abs(observations - slow_part(observations, step_m)) > 0.5
+    others = np.abs(observations - slow_part(observations, step_m)) > _OTHER_RUNS
     steps = pd.Series(np.where(others, np.abs(variance - slow_part(variance, step_m)), 0.0))
     return steps.rolling(2 * round(0.5 * _SMOOTHED_M / step_m) + 1, center=True, min_periods=1).max().to_numpy()
 

@@ -147,6 +147,17 @@ def test_fewer_runs_at_an_end_of_the_map_have_another_offset(grid: pd.DataFrame)
     assert len(compared(run, of_four.assign(observations=4)).table) == 1
 
 
+def test_one_of_two_runs_of_the_map_ends_before_the_other(grid: pd.DataFrame) -> None:
+    """The mean of the gradient has the offset of both up to there, of one beyond: this step is no change."""
+    run, alone = seen(shape_of(0), 101), grid["chainage_m"] > 2000.0
+    off = grid["gradient_permille"] + 0.5 * alone
+    sd = np.where(alone, 1.0, 0.5**0.5) * grid["gradient_permille_sd"]
+    of_two = grid.assign(gradient_permille=off, gradient_permille_sd=sd, observations=np.where(alone, 1, 2))
+    assert compared(run, of_two).table.empty
+    (row,) = compared(run, of_two.assign(observations=2)).table.itertuples()
+    assert row.from_m < 2000.0 < row.to_m
+
+
 @pytest.mark.parametrize(
     ("defect", "kind", "quantity"),
     [
