@@ -57,6 +57,15 @@ def test_a_run_elsewhere_is_not_located(line_map: FeatureMap, ride: Ride) -> Non
     assert result.trajectory["chainage_m"].iloc[0] == pytest.approx(0.0, abs=1.0)
 
 
+def test_a_run_at_rest_is_not_located(line_map: FeatureMap, ride: Ride) -> None:
+    recording = ride(4).simulation.recording
+    imu, tach = (table[table["t_s"] < 20.0] for table in (recording.imu, recording.tach))
+    result = smooth(replace(recording, fixes=None, imu=imu, tach=tach), feature_map=line_map)
+    assert result.summary.map is not None
+    assert result.summary.map.sections == 0
+    assert "not-on-map" in [finding.code for finding in result.summary.findings]
+
+
 def test_wrong_matches_are_outliers_and_no_jumps(
     line_map: FeatureMap, ride: Ride, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -22,6 +22,7 @@ from trackfg.mapping.recognition.fine_match import Sections, match_sections
 from trackfg.mapping.recognition.likelihood import PLACE_M, LogLikelihoods, log_likelihoods_of
 from trackfg.mapping.recognition.place_hmm import NEAR, PlaceHmm, PlacePosterior, PlaceWindows
 from trackfg.mapping.recognition.profiles import (
+    KINDS,
     LONG_M,
     SECTION_M,
     FeatureProfile,
@@ -99,6 +100,12 @@ class Recognition(Outlined):
     probability: float
     found_after_m: float
 
+    @classmethod
+    def none(cls) -> Recognition:
+        """Return that of a run without sections."""
+        columns = {name: np.zeros(0, bool if name == "used" else float) for name in COLUMNS}
+        return cls(pd.DataFrame(columns), 0.0, np.nan)
+
     @property
     def used(self) -> pd.DataFrame:
         """The rows of ``sections`` whose places are used."""
@@ -128,7 +135,7 @@ def recognise(
 
     Sections begin at whole multiples of ``section_m``, from the first to the last that the run measured at least half.
     Those between are kept however little of them was measured: the model moves on through them. A run that is too short
-    gives no sections and probability 0.
+    gives no sections and probability 0, and so does one that knows nothing of the track, such as one at rest.
 
     Parameters
     ----------
@@ -168,6 +175,9 @@ def recognise(
     True
     """
     _check(run, place_sd_m, rate_sd, direction, section_m)
+    columns = [name for kind in KINDS for name in kind if name in run]
+    if columns and not run[columns].notna().any(axis=None):
+        return Recognition.none()
     features = common_features(run, reference)
     step_m = common_step(run, reference)
     of_run = profile_of(run, features, step_m, "run")
@@ -175,9 +185,7 @@ def recognise(
     length = round(section_m)
     first_cells = _first_cells(of_run, length)[::direction]
     if first_cells.size == 0:
-        return Recognition(
-            pd.DataFrame({name: np.zeros(0, bool if name == "used" else float) for name in COLUMNS}), 0.0, np.nan
-        )
+        return Recognition.none()
     ratios = log_likelihoods_of(of_run, of_reference, first_cells, length, rate_sd)
     with one_thread():
         if place_sd_m is None:
