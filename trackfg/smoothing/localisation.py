@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -31,6 +32,8 @@ from trackfg.mapping.recognition.conventions import check_conventions, recognise
 from trackfg.numerics.arrays import Array
 from trackfg.output.profiles import Profile
 from trackfg.recording.findings import Finding
+from trackfg.recording.line_kilometrage import LineKilometrage
+from trackfg.results.official_places import kilometrage_of_map
 from trackfg.results.summary import MapUse
 from trackfg.solver.covariance import Covariance
 
@@ -70,13 +73,25 @@ class MapChainage:
 class Located:
     """A problem with landmarks, ready to be solved again.
 
-    ``chainage``: that which it is in. ``use``: what of the map was used.
+    ``chainage``: that which it is in. ``use``: what of the map was used. ``anchored``: fixes gave its chainage before.
     """
 
     problem: Problem
     chainage: MapChainage
     use: MapUse
     findings: tuple[Finding, ...]
+    anchored: bool
+    kilometrage_of_map: LineKilometrage | None
+
+    def kilometrage(self, own: LineKilometrage | None) -> LineKilometrage | None:
+        """Return the kilometrage for the run's chainages; ``own`` is that of its recording.
+
+        A run that had no fix counted from its start, and so does its own kilometrage. Located, it counts as the map
+        does.
+        """
+        if not self.use.sections or (self.anchored and own is not None):
+            return own
+        return self.kilometrage_of_map
 
 
 @dataclass(frozen=True)
@@ -111,6 +126,12 @@ def located(run: UnlocatedRun, feature_map: FeatureMap, config: PositionConfig) 
     recognition = recognised_near(
         run.geometry, grid, map_sd if anchored else None, rate_sd=run.wheel_scale_sd, direction=direction
     )
+    located_run = partial(
+        Located,
+        chainage=chainage,
+        anchored=anchored,
+        kilometrage_of_map=kilometrage_of_map(feature_map.name, feature_map.configuration, None),
+    )
     used = recognition.used
     if not anchored and recognition.probability < SURE:
         used = used.iloc[:0]
@@ -128,7 +149,7 @@ def located(run: UnlocatedRun, feature_map: FeatureMap, config: PositionConfig) 
         finding = Finding(
             "warning", "not-on-map", f"the track is not recognised on the map {feature_map.name!r}: {then}"
         )
-        return Located(problem, chainage, use, (finding,))
+        return located_run(problem, use=use, findings=(finding,))
     moved = states
     families = problem.families
     if not anchored:
@@ -137,7 +158,7 @@ def located(run: UnlocatedRun, feature_map: FeatureMap, config: PositionConfig) 
         families = with_free_start(families)
     families = changed(families, FactorType.ABSOLUTE_FIX, lambda fixes: _less_sure(fixes, chainage, direction))
     family = _landmarks(used, run.passes, states, meaning.step_m, direction, landmark_loss(config))
-    return Located(replace(problem, initial=moved, families=(*families, family)), chainage, use, ())
+    return located_run(replace(problem, initial=moved, families=(*families, family)), use=use, findings=())
 
 
 def landmark_loss(config: PositionConfig) -> Loss | None:

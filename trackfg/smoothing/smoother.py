@@ -366,7 +366,7 @@ def _solver_findings(solution: Solution) -> tuple[Finding, ...]:
     return (Finding("warning", "not-converged", f"the solution is not a minimum: {solution.reason}", hint=hint),)
 
 
-def _run_facts(recording: Recording) -> RunFacts:
+def _run_facts(recording: Recording, at: Located | None) -> RunFacts:
     description, fixes, origin = recording.description, recording.fixes, recording.gnss_origin
     return RunFacts(
         start=None if description.start is None else description.start.isoformat(),
@@ -377,7 +377,7 @@ def _run_facts(recording: Recording) -> RunFacts:
         imu_id=description.imu.id,
         mount_roll_sd_rad=float(np.radians(description.imu.mount_roll_sd_deg)),
         origin=None if origin is None else (float(origin[0]), float(origin[1]), float(origin[2])),
-        kilometrage=description.kilometrage,
+        kilometrage=description.kilometrage if at is None else at.kilometrage(description.kilometrage),
     )
 
 
@@ -419,7 +419,7 @@ def _summary(
 
     return Summary(
         recording_id=recording.description.id,
-        run=_run_facts(recording),
+        run=_run_facts(recording, smoothed.located),
         map=None if smoothed.located is None else smoothed.located.use,
         line=None if smoothed.on_line is None else smoothed.on_line.use,
         settings=settings.model_dump(mode="json"),

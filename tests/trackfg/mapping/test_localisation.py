@@ -14,6 +14,7 @@ from trackfg.errors import BadInputError
 from trackfg.mapping.recognition.conventions import recognised_near
 from trackfg.mapping.recognition.recognition import Recognition
 from trackfg.maps.feature_map import FeatureMap
+from trackfg.recording.line_kilometrage import LineKilometrage
 from trackfg.smoothing import localisation
 from trackfg.smoothing.smoother import smooth
 
@@ -46,6 +47,24 @@ def test_a_run_finds_itself(line_map: FeatureMap, ride: Ride, run: int, fixes: s
     used = result.events[result.events["kind"] == "landmark used"]
     assert len(used) == result.summary.map.sections
     assert len(result.covariance.chainage_m) == 0
+
+
+@pytest.mark.parametrize(("fixes", "named"), [(True, "2+000"), (False, "10+000")])
+def test_official_places_are_of_the_chainage_that_a_run_has(
+    line_map: FeatureMap, ride: Ride, fixes: bool, named: str
+) -> None:
+    """Without a fix a run's own kilometrage counts from its start, of which a located run's chainage is not."""
+    of_map, own = (
+        LineKilometrage.model_validate({"equation": [{"chainage_m": 0.0, "km": km}]}) for km in ("10+000", "2+000")
+    )
+    described = {**line_map.configuration, "first": {"kilometrage": of_map.model_dump(mode="json")}}
+    recording = ride(4).simulation.recording
+    description = recording.description.model_copy(update={"kilometrage": own})
+    given = replace(recording, description=description, fixes=recording.fixes if fixes else None)
+    result = smooth(given, feature_map=replace(line_map, configuration=described))
+    assert result.summary.run is not None
+    assert result.summary.run.kilometrage is not None
+    assert result.summary.run.kilometrage.equation[0].km == named
 
 
 def test_a_run_elsewhere_is_not_located(line_map: FeatureMap, ride: Ride) -> None:
