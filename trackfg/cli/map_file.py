@@ -91,7 +91,10 @@ def build_map_file(
             return begun
         with _mapped(fleet, len(runs)) as mapped:
             joining = Joining(
-                lambda what, done: show(what, share + (1.0 - share) * done), mapped, *([_name] if stores else [])
+                lambda what, done: show(what, share + (1.0 - share) * done),
+                mapped,
+                *([_name] if stores else []),
+                warn=_warn,
             )
             if begun is None:
                 built = build_map(runs, name=name or place.name, joining=joining)
@@ -114,7 +117,11 @@ def _mapped(fleet: FleetRuns, runs: int) -> AbstractContextManager[Mapped]:
 
 
 def _name(recording_id: str, error: BadInputError) -> None:
-    complain(f"trackfg: warning: left out: {printable(str(error))}")
+    _warn(f"left out: {error}")
+
+
+def _warn(message: str) -> None:
+    complain(f"trackfg: warning: {printable(message)}")
 
 
 def _result(

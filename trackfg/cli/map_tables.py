@@ -125,6 +125,8 @@ def of_changes(changes: Changes) -> Iterator[RenderableType]:
                 f"{row.sigmas:.1f}",
             )
         yield table
+    elif changes.other_track:
+        yield Text("No comparison: the track is not, or no longer, the one that the map has.")
     else:
         yield Text("No change: the track is as the map has it.")
     headings = ("compared,\nm", "noise,\ntimes stated", "threshold,\nsigmas", "least change:\nmedian", "\nlargest")
@@ -146,7 +148,7 @@ def of_changes(changes: Changes) -> Iterator[RenderableType]:
 def changes_json(changes: Changes) -> str:
     """Return changes, thresholds and coverage as JSON."""
     content = {name: records(getattr(changes, name)) for name in ("table", "thresholds", "coverage")}
-    return json.dumps({"changes": content.pop("table"), **content}, indent=2)
+    return json.dumps({"changes": content.pop("table"), **content, "other_track": changes.other_track}, indent=2)
 
 
 _RELATIONS = {

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from trackfg.cli.options import Commands, Json, Km, Level, Limits, LineSpeed, TableFile, limit_choice, with_options
-from trackfg.cli.terminal import progress_bar, show_or_tell, tell, working
+from trackfg.cli.terminal import complain, progress_bar, show_or_tell, tell, working
 from trackfg.cli.terminal import show as show_table
-from trackfg.errors import BadInputError
+from trackfg.errors import BadInputError, printable
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -80,6 +80,7 @@ def changes(
     """List where a run shows other track than the map: significant changes, each with place, size and sigma."""
     from trackfg.cli import map_tables
     from trackfg.mapping import find_changes
+    from trackfg.mapping.recognition.other_track import other_track_message
     from trackfg.maps import read_map
     from trackfg.results.official_places import with_km
     from trackfg.results.result import Result
@@ -87,7 +88,11 @@ def changes(
     feature_map = read_map(place, version)
     kilometrage = _kilometrage(feature_map, km)
     with working("changes"):
-        track_changes = find_changes(Result.read(run), feature_map, floor_mm=floor)
+        result = Result.read(run)
+        track_changes = find_changes(result, feature_map, floor_mm=floor)
+    if track_changes.other_track:
+        message = other_track_message(result.summary.recording_id, feature_map.name)
+        complain(f"trackfg: warning: {printable(message)}")
     track_changes = replace(track_changes, table=with_km(track_changes.table, kilometrage, of="from_m"))
     if out is not None:
         track_changes.write(out)

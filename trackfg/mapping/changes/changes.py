@@ -58,12 +58,16 @@ class Changes(Outlined):
 
     ``coverage``: one row per 200 m: ``from_m, to_m, compared`` (share of the cells in which every quantity is known),
     ``observations`` (the fewest), and for every quantity the least change that would have been found everywhere there.
+
+    ``other_track``: whether the run differs from the map by as much as the map's own irregularities, so that it is of
+    another track with the same curves, or of one that was worked on all along; its differences count as noise.
     """
 
     table: pd.DataFrame
     cells: pd.DataFrame
     thresholds: pd.DataFrame
     coverage: pd.DataFrame
+    other_track: bool = False
 
     def write(self, path: str | Path) -> None:
         """Write the table as CSV."""

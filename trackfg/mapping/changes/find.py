@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
+import pandas as pd
 
 from trackfg.errors import BadInputError
 from trackfg.mapping.changes.changes import Changes, changes
 from trackfg.mapping.changes.overlay import QUANTITIES
 from trackfg.mapping.joining.unstated_sigmas import with_unstated_sigmas
 from trackfg.mapping.recognition.conventions import check_conventions, recognised_on_map
+from trackfg.mapping.recognition.other_track import TELLING, is_other_track
 from trackfg.maps.feature_map import FeatureMap
 from trackfg.results.result import Result
 
@@ -54,7 +58,7 @@ def find_changes(result: Result, feature_map: FeatureMap, *, floor_mm: float = 1
     if to_map is None:
         raise BadInputError(f"run {run}: its track is not recognised on the map {feature_map.name!r}")
     shift_sd = np.interp(result.geometry["chainage_m"], sections["run_m"], sections["match_sd_m"])
-    return changes(
+    found = changes(
         with_unstated_sigmas(result.geometry, QUANTITIES),
         grid,
         conventions=result.summary.geometry,
@@ -62,3 +66,13 @@ def find_changes(result: Result, feature_map: FeatureMap, *, floor_mm: float = 1
         shift_sd_m=shift_sd,
         floor_mm=floor_mm,
     )
+    return replace(found, other_track=_of_other_track(found, feature_map, sections))
+
+
+def _of_other_track(found: Changes, feature_map: FeatureMap, sections: pd.DataFrame) -> bool:
+    """Return whether the run is of another track than the map, by its differences and their sigmas as stated."""
+    place, grid = found.cells["chainage_m"].to_numpy(), feature_map.grid
+    factor = found.thresholds.set_index("quantity").loc[TELLING, "noise_factor"]
+    stated = found.cells[f"{TELLING}_sd"].to_numpy() / float(factor)
+    profile = np.interp(place, grid["chainage_m"], grid[TELLING])
+    return is_other_track(place, found.cells[TELLING].to_numpy(), stated, profile, sections)

@@ -59,12 +59,14 @@ def _raise(recording_id: str, error: BadInputError) -> None:
 class Joining:
     """How runs are joined: ``progress(what, fraction)`` is called before each, ``mapped`` with what is done to blocks.
 
-    ``leave_out`` is called for a run that cannot be joined; without it that is raised.
+    ``leave_out`` is called for a run that cannot be joined; without it that is raised. ``warn`` is called with what a
+    user should know of a run that was joined.
     """
 
     progress: Progress = lambda what, done: None
     mapped: Mapped = map
     leave_out: LeaveOut = _raise
+    warn: Callable[[str], None] = lambda message: None
 
 
 def build_map(
@@ -161,6 +163,8 @@ def _with_runs(survey: Survey, runs: Sequence[Result | JoinableRun], joining: Jo
             waiting = {run_id: run for run_id, run in waiting.items() if run_id in left}
         if survey.grid is None:
             raise BadInputError("no run is left: a map needs at least one")
+        for message in survey.doubts.values():
+            joining.warn(message)
         joining.progress("landmarks", 1.0 - 1.0 / steps)
         return finished(survey)
 

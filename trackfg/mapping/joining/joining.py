@@ -24,6 +24,7 @@ from trackfg.mapping.joining.reference_line import Origin, positions_of_run, wit
 from trackfg.mapping.joining.survey import Chainages, Survey, SurveyedRun
 from trackfg.mapping.joining.unstated_sigmas import with_unstated_sigmas
 from trackfg.mapping.recognition.conventions import check_conventions, recognised_on_map
+from trackfg.mapping.recognition.other_track import TELLING, is_other_track, other_track_message
 from trackfg.mapping.recognition.recognition import Recognition
 from trackfg.mapping.recognition.warp import Warp, warped
 from trackfg.maps.feature_map import FeatureMap, MapConventions, RunInformation
@@ -74,7 +75,7 @@ class Part:
     """What runs add to a survey, on its grid and on its variables; parts of one survey are added in any groups.
 
     ``grid`` and ``line``: their profiles and positions, averaged. ``place``, ``level``: of new anchors. ``origin`` is
-    that of the line's frame.
+    that of the line's frame. ``doubts``: by run, what a user should know of it.
     """
 
     conventions: MapConventions
@@ -86,6 +87,7 @@ class Part:
     configuration: Mapping[str, JsonValue]
     place: Mapping[str, float]
     level: Mapping[str, float]
+    doubts: Mapping[str, str]
 
     def makes_longer(self, survey: Survey) -> bool:
         """Return whether the part has anchors or a frame that the survey has not, so that further runs build on it."""
@@ -102,6 +104,7 @@ def joined(survey: Survey, part: Part) -> Survey:
         origin=survey.origin or part.origin,
         place={**survey.place, **part.place},
         level={**survey.level, **part.level},
+        doubts={**survey.doubts, **part.doubts},
         configuration={**survey.configuration, **part.configuration},
     )
 
@@ -115,6 +118,7 @@ def together(a: Part, b: Part) -> Part:
         information={**a.information, **b.information},
         runs={**a.runs, **b.runs},
         configuration={**a.configuration, **b.configuration},
+        doubts={**a.doubts, **b.doubts},
     )
 
 
@@ -134,13 +138,15 @@ def part_of_run(survey: Survey, run_id: str, result: Result, place: str | None =
     geometry = with_unstated_sigmas(result.geometry, (*MERGED, "twist_mm"))
     profile = geometry[measured].assign(observations=1)
     profile = profile.assign(cross_level_mm_sd=local_cross_level_sd(profile))
-    to_map, sighted = Warp(np.zeros(1), np.zeros(1)), _NO_SIGHTINGS
+    to_map, sighted, doubts = Warp(np.zeros(1), np.zeros(1)), _NO_SIGHTINGS, dict[str, str]()
     if survey.grid is not None:
         to_map, recognition = _place(survey, run_id, result, facts)
         profile = warped(profile, to_map, conventions.step_m)
         sighted = _sightings_of_known_anchors(survey, profile, to_map, recognition)
         sighted = sighted[_agreeing(survey.chainages, sighted, result, anchored=facts.anchored and survey.anchored)]
         if recognition is not None:
+            if _of_other_track(profile, survey.grid, recognition):
+                doubts = {run_id: other_track_message(result.summary.recording_id, survey.name)}
             match_sd = recognition.sections["match_sd_m"].median()
             profile = with_place_noise(profile, float(np.hypot(match_sd, _BETWEEN_SECTIONS_SD_M)))
     offset = _offset(survey, sighted, profile["chainage_m"].to_numpy())
@@ -173,7 +179,17 @@ def part_of_run(survey: Survey, run_id: str, result: Result, place: str | None =
         configuration={run_id: _configuration(survey, result, facts, place)},
         place=dict(zip(added.anchors, places.tolist(), strict=True)),
         level=level,
+        doubts=doubts,
     )
+
+
+def _of_other_track(profile: pd.DataFrame, grid: pd.DataFrame, recognition: Recognition) -> bool:
+    """Return whether a run, on the grid's cells, is of another track than the grid."""
+    columns = ["chainage_m", TELLING, f"{TELLING}_sd"]
+    run, known = (table[columns].round({"chainage_m": 6}) for table in (profile, grid))
+    both = run.merge(known, on="chainage_m", suffixes=("", "_map"))
+    place, of_run, run_sd, of_map, map_sd = both.to_numpy().T
+    return is_other_track(place, of_run - of_map, np.hypot(run_sd, map_sd), of_map, recognition.used)
 
 
 def _averaged_line(a: pd.DataFrame | None, b: pd.DataFrame | None) -> pd.DataFrame | None:

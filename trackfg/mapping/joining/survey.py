@@ -48,7 +48,7 @@ class Survey:
 
     ``place`` and ``level``: chainage and mean cross-level of each anchor on the grid as it is. The sigma of the grid's
     cross-level is that of its shape between anchors. ``pooled``: the ``information`` of all runs together, in which the
-    variables of one run alone are eliminated.
+    variables of one run alone are eliminated. ``doubts``: by run that was joined now, what a user should know of it.
     """
 
     name: str
@@ -64,6 +64,7 @@ class Survey:
     landmarks: pd.DataFrame | None = None
     configuration: Mapping[str, JsonValue] = field(default_factory=dict)
     version: int | None = None
+    doubts: Mapping[str, str] = field(default_factory=dict)
 
     @cached_property
     def chainages(self) -> Chainages:
