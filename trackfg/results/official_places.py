@@ -10,6 +10,7 @@ import pandas as pd
 from pydantic import JsonValue, ValidationError
 
 from trackfg.errors import BadInputError
+from trackfg.recording.findings import Finding
 from trackfg.recording.line_kilometrage import LineKilometrage
 
 if TYPE_CHECKING:
@@ -18,6 +19,9 @@ if TYPE_CHECKING:
 
 KM_COLUMN = "km"
 """Heads the column of official places."""
+
+_OUTSIDE_M = 2000.0
+"""Distance, m, from which a run lies outside a kilometrage: more than a mile, which is the longest between posts."""
 
 _HINT = "Hint: add it to recording.toml (docs/kilometrage.md) and smooth again"
 
@@ -38,6 +42,20 @@ def line_kilometrage(result: Result) -> LineKilometrage:
         what = f"{result.summary.recording_id}: its recording says nothing of the line's kilometrage"
         raise BadInputError(f"{what}: expected [kilometrage]. {_HINT}")
     return given
+
+
+def unplaced(chainage: pd.Series, given: LineKilometrage) -> tuple[Finding, ...]:
+    """Return a warning where chainages that count from a run's start lie outside the kilometrage of its line."""
+    placed = [entry.chainage_m for entry in (*given.equation, *given.post)]
+    low, high = float(chainage.min()), float(chainage.max())
+    begin, end = min(placed, default=low), high if given.end_chainage_m is None else given.end_chainage_m
+    if max(begin - high, low - end) < _OUTSIDE_M:
+        return ()
+    counted = f"chainage counts from the start of the run, {round(low)} to {round(high)} m"
+    there = f"begins at {begin:.0f} m" if begin > high else f"ends at {end:.0f} m"
+    hint = "give fixes, a map (--map), or in [kilometrage] an equation for the place where the run begins, chainage 0"
+    what = f"{counted}, but [kilometrage] {there}: official places are not where the run was"
+    return (Finding("warning", "kilometrage", what, hint=hint),)
 
 
 def kilometrage_of_map(

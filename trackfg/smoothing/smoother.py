@@ -42,6 +42,7 @@ from trackfg.recording.antenna import with_antenna_named
 from trackfg.recording.findings import Finding, raise_first
 from trackfg.recording.model import Recording
 from trackfg.results.balise_passages import BalisePassages
+from trackfg.results.official_places import unplaced
 from trackfg.results.place_covariance import PlaceCovariance
 from trackfg.results.result import Result
 from trackfg.results.summary import Estimate, Mounting, RunFacts, Solver, Summary, VectorEstimate
@@ -190,6 +191,8 @@ def smooth(
     if measured.balises is not None:
         own = own_passages(measured, smoothed.problem, smoothed.solution.states)
         passages = widened_passages(own, smoothed.verdicts)
+    if (km := recording.description.kilometrage) is not None and not _is_placed(anchored, smoothed.located):
+        found = (*found, *unplaced(smoothed.trajectory["chainage_m"], km))
     if len(passages):
         from trackfg.mapping.runs.balise_survey import surveyed
 
@@ -342,11 +345,17 @@ def _located(
             states=solution.states,
             geometry=geometry,
             passes=passes,
-            anchored=recording.fixes is not None and len(recording.fixes) > 0,
+            anchored=_is_placed(recording, None),
             wheel_scale_sd=float(alone.calibration["wheel_scale_sd"].iloc[-1]),
             on_springs=on_springs,
         )
         return located(unlocated, feature_map, config.position)
+
+
+def _is_placed(recording: Recording, at: Located | None) -> bool:
+    """Return whether chainage counts from the line's beginning: by fixes, or by a map."""
+    fixed = recording.fixes is not None and len(recording.fixes) > 0
+    return fixed or (at is not None and at.use.sections > 0)
 
 
 def _speed_is_measured(recording: Recording) -> bool:
