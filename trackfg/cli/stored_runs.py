@@ -67,5 +67,6 @@ def runs_of_map(feature_map: FeatureMap) -> tuple[list[JoinableRun], dict[str, s
             runs.append(run)
     if not runs:
         why = next(iter(missing.values()))
-        raise BadInputError(f"map {feature_map.name!r}: no result of its runs can be read: {why}. Hint: name results")
+        what = f"map {feature_map.name!r}: no result of its runs can be used: {why}"
+        raise BadInputError(f"{what}. Hint: name results of recordings that have a start")
     return runs, missing

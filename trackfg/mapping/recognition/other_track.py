@@ -1,4 +1,4 @@
-"""Whether a run that is recognised on a map is of the map's track, or of another one with the same curves.
+"""This module tells whether a run that is recognised on a map is of its track, or of another one with the same curves.
 
 Curves are enough to recognise a run by, so that one over track that was tamped is recognised; but the track beside it
 has the same curves. The irregularities tell them apart: of one track a difference of two runs is the noise of both, of
