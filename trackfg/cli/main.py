@@ -591,7 +591,8 @@ def _warn_unless_converged(result: Result) -> None:
 def _warn_unless_located(result: Result) -> None:
     for finding in result.summary.findings:
         if finding.code == "not-on-map":
-            complain(f"trackfg: warning: {finding.message}")
+            hint = "" if finding.hint is None else f". Hint: {finding.hint}"
+            complain(f"trackfg: warning: {finding.message}{hint}")
 
 
 app.command(

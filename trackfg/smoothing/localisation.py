@@ -146,9 +146,9 @@ def located(run: UnlocatedRun, feature_map: FeatureMap, config: PositionConfig) 
     )
     if used.empty:
         then = "the map was not used" if anchored else "chainage counts from the start of the run"
-        finding = Finding(
-            "warning", "not-on-map", f"the track is not recognised on the map {feature_map.name!r}: {then}"
-        )
+        what = f"the track is not recognised on the map {feature_map.name!r}: {then}"
+        hint = "it was sought where its fixes place it: check that they count as the map does" if anchored else None
+        finding = Finding("warning", "not-on-map", what, hint=hint)
         return located_run(problem, use=use, findings=(finding,))
     moved = states
     families = problem.families
