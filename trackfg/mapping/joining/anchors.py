@@ -34,7 +34,7 @@ _LEAST_SD_M = 5e-3
 _LEAST_SD_MM = 0.02
 """Least sigma of a sighted cross-level, mm: the same."""
 
-_WRONG_SIGMAS = 5.0
+WRONG_SIGMAS = 5.0
 """Innovation, in sigmas, above which a sighting is left out: one normal value in 1.7 million."""
 
 
@@ -145,8 +145,7 @@ def agreeing_sightings(
     then the test is repeated.
     """
     m = len(seen.anchors)
-    P = errors.at(seen.chainage_m)[:m, :m] + covariance
-    P[np.diag_indices(m)] += seen.match_sd_m**2 + _LEAST_SD_M**2
+    P = _innovation_covariance(seen, errors, covariance)
     if not anchored:
         P += np.max(np.diag(P)) * 1e4
     good = np.ones(m, dtype=bool)
@@ -154,10 +153,29 @@ def agreeing_sightings(
         inverse = np.linalg.inv(P[np.ix_(good, good)])
         surprise = np.abs(inverse @ (chainage - seen.chainage_m)[good]) / np.sqrt(np.diag(inverse))
         worst = int(np.argmax(surprise))
-        if surprise[worst] <= _WRONG_SIGMAS:
+        if surprise[worst] <= WRONG_SIGMAS:
             break
         good[np.flatnonzero(good)[worst]] = False
     return good
+
+
+def offset_of_run(seen: Sightings, errors: PlaceCovariance, chainage: Array, covariance: Array) -> tuple[float, float]:
+    """Return by how much a run's chainage is ahead of the map's all along, and its sigma, m.
+
+    Both count from the same place, as :func:`agreeing_sightings` has them: what all sightings have in common is what
+    no sighting by itself shows.
+    """
+    weights = np.linalg.solve(_innovation_covariance(seen, errors, covariance), np.ones(len(seen.anchors)))
+    total = float(weights.sum())
+    return float(weights @ (seen.chainage_m - chainage)) / total, total**-0.5
+
+
+def _innovation_covariance(seen: Sightings, errors: PlaceCovariance, covariance: Array) -> Array:
+    """Return the covariance of what sightings differ by from the map's anchors, (m, m)."""
+    m = len(seen.anchors)
+    P = errors.at(seen.chainage_m)[:m, :m] + covariance
+    P[np.diag_indices(m)] += seen.match_sd_m**2 + _LEAST_SD_M**2
+    return np.asarray(P)
 
 
 def sensor_name(name: str | None, run_id: str) -> str:

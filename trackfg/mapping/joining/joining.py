@@ -12,11 +12,13 @@ from pydantic import JsonValue
 from trackfg.errors import BadInputError
 from trackfg.mapping.joining.anchors import (
     WINDOW_M,
+    WRONG_SIGMAS,
     Sensor,
     Sightings,
     agreeing_sightings,
     chainage_variable,
     information_on_anchors,
+    offset_of_run,
     sensor_name,
 )
 from trackfg.mapping.joining.merging import MERGED, local_cross_level_sd, merged, window_means, with_place_noise
@@ -143,7 +145,10 @@ def part_of_run(survey: Survey, run_id: str, result: Result, place: str | None =
         to_map, recognition = _place(survey, run_id, result, facts)
         profile = warped(profile, to_map, conventions.step_m)
         sighted = _sightings_of_known_anchors(survey, profile, to_map, recognition)
-        sighted = sighted[_agreeing(survey.chainages, sighted, result, anchored=facts.anchored and survey.anchored)]
+        both = facts.anchored and survey.anchored
+        sighted = sighted[_agreeing(survey.chainages, sighted, result, anchored=both)]
+        if both and sighted.anchors:
+            _refuse_other_fixes(survey.chainages, sighted, result, run_id)
         if recognition is not None:
             if _of_other_track(profile, survey.grid, recognition):
                 doubts = {run_id: other_track_message(result.summary.recording_id, survey.name)}
@@ -274,9 +279,25 @@ def _agreeing(at: Chainages, seen: Sightings, result: Result, *, anchored: bool)
     """Return which sightings do not contradict the runs in the survey, bool (m,)."""
     if not seen.anchors:
         return np.zeros(0, dtype=bool)
+    return agreeing_sightings(seen, result.covariance, *_anchors_of_survey(at, seen), anchored=anchored)
+
+
+def _refuse_other_fixes(at: Chainages, seen: Sightings, result: Result, run_id: str) -> None:
+    """Raise :class:`BadInputError` for a run whose fixes place it elsewhere than those of the runs in the survey do."""
+    off, sd = offset_of_run(seen, result.covariance, *_anchors_of_survey(at, seen))
+    if abs(off) > WRONG_SIGMAS * sd:
+        where = f"{abs(off):.2f} m {'ahead of' if off > 0.0 else 'behind'} where the map has it"
+        raise BadInputError(
+            f"run {run_id}: its fixes place it {where}, {abs(off) / sd:.0f} times the sigma: expected fixes that agree "
+            "with those of the map's runs. Hint: check their chainages, or smooth it without [fixes] to join it by its "
+            "track"
+        )
+
+
+def _anchors_of_survey(at: Chainages, seen: Sightings) -> tuple[Array, Array]:
+    """Return where the survey has the anchors that were sighted, m (m,), and the covariance (m, m)."""
     rows = at.joint.rows([chainage_variable(anchor) for anchor in seen.anchors])
-    covariance = at.joint.covariance[np.ix_(rows, rows)]
-    return agreeing_sightings(seen, result.covariance, at.joint.x[rows], covariance, anchored=anchored)
+    return at.joint.x[rows], at.joint.covariance[np.ix_(rows, rows)]
 
 
 def _offset(survey: Survey, sightings: Sightings, chainage: Array) -> Array:

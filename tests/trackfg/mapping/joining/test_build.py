@@ -163,3 +163,14 @@ def test_gnss_places_the_line_on_the_earth(ride: Ride) -> None:
     assert placed.landmarks["east_m_sd"].notna().all()
     nowhere = replace(runs[0].result, trajectory=runs[0].result.trajectory[:1])
     assert np.isfinite(build_map([nowhere], name="drawn").line["east_m"]).all()
+
+
+def test_a_run_whose_fixes_are_off_all_along_is_refused(line_map: FeatureMap, ride: Ride) -> None:
+    """No sighting by itself shows it. Without them the run is joined by its track, and moves nothing."""
+    recording = ride(4).simulation.recording
+    off = recording.fixes.assign(chainage_m=recording.fixes["chainage_m"] + 5.0)
+    with pytest.raises(BadInputError, match=r"its fixes place it [45]\.\d+ m ahead of where the map has it"):
+        with_runs(line_map, [smooth(replace(recording, fixes=off))])
+    joined = with_runs(line_map, [smooth(replace(recording, fixes=None))])
+    moved = joined.landmarks["chainage_m"] - line_map.landmarks["chainage_m"]
+    assert moved.abs().max() < 0.2
