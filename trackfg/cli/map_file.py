@@ -9,7 +9,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from trackfg.cli.stored_runs import runs_of_store, stored_run
@@ -90,12 +90,9 @@ def build_map_file(
         if not runs and begun is not None:
             return begun
         with _mapped(fleet, len(runs)) as mapped:
-            joining = Joining(
-                lambda what, done: show(what, share + (1.0 - share) * done),
-                mapped,
-                *([_name] if stores else []),
-                warn=_warn,
-            )
+            joining = Joining(lambda what, done: show(what, share + (1.0 - share) * done), mapped, warn=_warn)
+            if stores:
+                joining = replace(joining, leave_out=_name)
             if begun is None:
                 built = build_map(runs, name=name or place.name, joining=joining)
             else:

@@ -72,7 +72,7 @@ def find_changes(result: Result, feature_map: FeatureMap, *, floor_mm: float = 1
 def _of_other_track(found: Changes, feature_map: FeatureMap, sections: pd.DataFrame) -> bool:
     """Return whether the run is of another track than the map, by its differences and their sigmas as stated."""
     place, grid = found.cells["chainage_m"].to_numpy(), feature_map.grid
-    factor = found.thresholds.set_index("quantity").loc[TELLING, "noise_factor"]
-    stated = found.cells[f"{TELLING}_sd"].to_numpy() / float(factor)
+    factor = found.thresholds.loc[found.thresholds["quantity"] == TELLING, "noise_factor"].to_numpy()
+    stated = found.cells[f"{TELLING}_sd"].to_numpy() / factor
     profile = np.interp(place, grid["chainage_m"], grid[TELLING])
     return is_other_track(place, found.cells[TELLING].to_numpy(), stated, profile, sections)
