@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import json
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -12,7 +13,8 @@ import pandas as pd
 import pytest
 
 from trackfg.config import KeyframeConfig, SmoothConfig
-from trackfg.datasets.scenarios import simulate
+from trackfg.datasets.scenarios import scenario, simulate
+from trackfg.datasets.vehicle.driving import Service
 from trackfg.errors import UnsolvableError
 from trackfg.results.events import Event
 from trackfg.streaming.fixed_lag import Estimates, FixedLagSmoother
@@ -241,6 +243,21 @@ def test_the_batch_solvers_work_on_rows_in_random_order_is_bounded(monkeypatch: 
     assert begins[1:] == [(before + window) // 2 for before, window in zip(begins, work, strict=True)][:-1]
     restarts = [event.detail for event in events if event.kind == "restarted"]
     assert any("have not told the heading" in detail for detail in restarts), restarts
+
+
+@pytest.mark.slow
+def test_a_vehicle_that_waits_with_unknown_heading_is_not_begun_anew() -> None:
+    """At the platform no row tells the heading, however many there are."""
+    plan = scenario("mainline-gnss")
+    assert isinstance(plan.driver, Service)
+    run = simulate(replace(plan, driver=replace(plan.driver, start_rest_s=90.0)), seed=6, duration_s=120.0)
+    source = RecordingSource(run.recording, batch_s=1.0)
+    smoother, intake, events = FixedLagSmoother(source.description), Intake.of(source), list[Event]()
+    for push in source:
+        events += smoother.put(intake.push(push)[0]).events
+    last = smoother.finish()
+    assert not [event for event in events if event.kind == "restarted"]
+    assert last.filtered["yaw_rad_sd"].iloc[-1] < 0.03
 
 
 def _in_random_order() -> io.BytesIO:

@@ -70,6 +70,8 @@ _MOST_DAMPED = 50_000
 """Steps that the batch solver tries, times keyframes, in all, that a window is given to determine its heading. One
 takes some 0.13 ms, so these take 7 s. The simulated lines that need any need 400 to 19,500.
 """
+_MOVED_M = 5.0
+"""Way from the first keyframe of a window, m, from which on others tell the heading: those at rest there cannot."""
 _DAMPED_BEFORE = 0.5
 """Share of such work that counts in the next window, where the heading stayed unknown. The 25,000 that are left for
 that one are still enough for the simulated lines.
@@ -419,7 +421,8 @@ class RunningWindow:
             )
         solution = solve(window, self.context.config.solver)
         if not self.heading_known:
-            self.damped_work += solution.trials * len(window)
+            distance = solution.states.odo.distance
+            self.damped_work += solution.trials * int(np.sum(np.abs(distance - distance[0]) > _MOVED_M))
         return replace(window, states=solution.states)
 
     def _heading_sd(self, window: Window, root: SquareRoot) -> float:
