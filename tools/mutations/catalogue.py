@@ -223,6 +223,18 @@ _FACTORS = (
 
 _GRAPH = (
     Part(
+        "trackfg/graph/fix_consensus.py",
+        ("tests/trackfg/graph/test_fix_consensus.py",),
+        (
+            _one(
+                "a fix is wrong where it is likelier right",
+                "erred <= np.log(WRONG / line_m)",
+                "erred > np.log(WRONG / line_m)",
+            ),
+            _one("a wrong fix is as likely near as far", "np.square(error) / variance + np.log", "0.0 + np.log"),
+        ),
+    ),
+    Part(
         "trackfg/graph/motion.py",
         ("tests/trackfg/graph/test_motion.py",),
         (_one("the gyro's bridge is twice as wide", "durations / 12.0", "durations / 3.0"),),
@@ -730,6 +742,25 @@ _STREAMING = (
                 "nav.p - further * forward",
             ),
             _one("backwards counts as forwards", "chord[0] @ forward))", "abs(chord[0] @ forward)))"),
+        ),
+    ),
+    Part(
+        "trackfg/streaming/window/gnss_record.py",
+        ("tests/trackfg/streaming/window/test_gnss_record.py",),
+        (
+            _one("positions get their weight back at once", "np.all(self.given[longest:, 0] > _LITTLE)", "True"),
+            _one("positions never get it back", "return little and have_grown", "return False and have_grown"),
+        ),
+    ),
+    Part(
+        "trackfg/streaming/sigma_test.py",
+        ("tests/trackfg/streaming/test_sigma_test.py",),
+        (
+            _one(
+                "what lies between rows is taken for an error",
+                "variance += _between_rows(t, smoothed[:, 0], values)",
+                "variance += 0.0",
+            ),
         ),
     ),
     Part(
