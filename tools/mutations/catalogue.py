@@ -716,7 +716,7 @@ _STREAMING = (
         "trackfg/streaming/window/wheel_creep.py",
         ("tests/trackfg/streaming/window/test_wheel_creep.py",),
         (
-            _one("any fix is creep", "return bool(crept > np.log(", "return bool(crept > -1e9 + np.log("),
+            _one("any fix is creep", "return not wrong_is_likelier(", "return True or wrong_is_likelier("),
             _one("the place stays where creep shows", "+= creep.further_m * since", "+= 0.0 * since"),
             _one("the likelihood of a walk is not asked", "return gain > (", "return gain > 1e9 + ("),
         ),
