@@ -246,6 +246,8 @@ class FixedLagSmoother:
 
     def _work_due(self, *, at_end: bool = False) -> list[PassOutput]:
         """Do what is due besides filtered rows: a relinearisation pass, and the next piece of the tables."""
+        if self._moving.running is not None:
+            self._moving.running.gnss.speed_doubted = self._sigma_test.doubts("speed_mps")
         step = self._moving.relinearise_if_due(at_end=at_end)
         shift_m = self._moving.votes.pop_shift()
         if self._tables is not None:

@@ -81,6 +81,10 @@ class SigmaTest:
                 worst[quantity] = ratio
         return tuple(_doubt(quantity, ratio, until_s) for quantity, ratio in worst.items())
 
+    def doubts(self, column: str) -> bool:
+        """Return whether the sigmas of a column of the trajectory are too small beyond chance so far."""
+        return self._ratio(QUANTITIES.index(column)) >= _LEAST_RATIO
+
     def _add(self, i: int, z: Array) -> None:
         if not z.size:
             return

@@ -52,6 +52,8 @@ def test_sigmas_three_times_too_small() -> None:
     (event,) = put_through(1.2).events(400.0)
     assert (event.kind, event.t_s) == (DOUBT, 400.0)
     assert event.detail.startswith("chainage: smoothed and filtered estimates differ by 2.7")
+    assert put_through(1.2).doubts("chainage_m")
+    assert not put_through(1.2).doubts("speed_mps")
 
 
 def test_few_differences_that_last_may_be_chance() -> None:

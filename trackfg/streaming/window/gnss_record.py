@@ -6,6 +6,9 @@ at each relinearisation pass the batch's own judgement of level and correlation 
 says by what factor the declared sigmas are too small: of the positions in the window each its own, of those to come
 that of the newest one. A stream only widens them: what it has marginalised it cannot doubt any more.
 
+GNSS is not judged while the speed's sigmas are doubted (:mod:`trackfg.streaming.sigma_test`): wheel and inertial sensor
+then err by more than is assumed of them, and residuals of positions are theirs.
+
 If the stream is what errs, its residuals grow as positions lose their weight, and they would lose more. So where they
 have had little for longer than a receiver's errors last, and residuals are beyond the level that was seen when that
 began, positions get their weight back, and what was written meanwhile is doubted.
@@ -55,7 +58,7 @@ class GnssRecord:
     ``given`` (m, 3) what they were when the position came. ``level`` (m, 3) is that of the errors then, and
     ``newest_level`` (3,) that of the next. ``regained`` (k, 2): from when to when positions had too little weight, s.
     ``lasting``: the root of the number of positions that share an error; whether one is an outlier is judged without
-    it, so the loss is as much narrower.
+    it, so the loss is as much narrower. ``speed_doubted``: whether those of the speed are too small beyond chance.
     """
 
     t: Array = field(default_factory=lambda: np.zeros(0))
@@ -69,6 +72,7 @@ class GnssRecord:
     newest_level: Array = field(default_factory=lambda: np.ones(3))
     regained: Array = field(default_factory=lambda: np.zeros((0, 2)))
     lasting: float = 1.0
+    speed_doubted: bool = False
 
     def put(self, window: Window, covariance: Covariance) -> None:
         """Remember the positions at the last two keyframes of a window, of which ``covariance`` is."""
@@ -100,6 +104,9 @@ class GnssRecord:
 
     def judge(self) -> None:
         """Compute the factors anew."""
+        if self.speed_doubted:
+            self.factor, self.lasting, self.newest_level = np.ones_like(self.factor), 1.0, np.ones(3)
+            return
         if self._err_less_than_the_rest():
             self._regain()
         if len(self.t) >= FEWEST:

@@ -81,6 +81,17 @@ def test_positions_that_the_stream_leaves_get_their_weight_again(grown: float, g
     assert [(event.t_s, event.until_s) for event in doubts] == ([(110.0, 299.0)] if regains else [])
 
 
+def test_gnss_is_not_judged_while_the_speed_is_doubted() -> None:
+    residual = np.random.default_rng(1).standard_normal((300, 3))
+    residual[200:240] += 4.0
+    one = record(residual)
+    one.judge()
+    one.speed_doubted = True
+    one.judge()
+    assert (one.factor == 1.0).all()
+    assert one.lasting == 1.0
+
+
 def test_positions_of_the_window_have_their_own_factor_and_those_to_come_the_newest() -> None:
     one = record(np.zeros((12, 3)))
     one.factor = np.repeat(np.arange(1.0, 13.0)[:, None], 3, axis=1)
