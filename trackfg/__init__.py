@@ -1,9 +1,9 @@
 """trackfg: railway track geometry and train positioning by factor-graph smoothing.
 
 >>> import trackfg
->>> recording = trackfg.read_recording("run")
+>>> recording = trackfg.read_recording("run1")
 >>> result = trackfg.smooth(recording)
->>> result.write("out")
+>>> folder = result.write("out1")
 
 ``import trackfg`` is cheap: what stands below is imported from its module when it is first used.
 """

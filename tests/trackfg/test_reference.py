@@ -57,9 +57,19 @@ CLASSES = [
 ]
 
 
+EXAMPLES = ["trackfg", *PUBLIC, *CLASSES]
+
+
 def public(place: str) -> Any:
     module, _, name = place.rpartition(".")
-    return getattr(import_module(module), name)
+    return getattr(import_module(module), name) if module else import_module(name)
+
+
+def docstrings(tree: ast.AST) -> Iterator[str]:
+    """The docstrings of a module and of all that it defines."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef):
+            yield ast.get_docstring(node) or ""
 
 
 def undocumented(tree: ast.AST, place: str) -> Iterator[str]:
@@ -88,6 +98,13 @@ def test_what_has_no_docstring_is_named() -> None:
     assert list(undocumented(ast.parse(code), "m.py")) == ["m.py: A: b", "m.py: d"]
 
 
+def test_every_example_is_one_that_is_run() -> None:
+    run = {inspect.getdoc(public(place)) for place in EXAMPLES}
+    paths = [path for folder in FOLDERS for path in (ROOT / folder).rglob("*.py")]
+    texts = (text for path in paths for text in docstrings(ast.parse(path.read_text(encoding="utf-8"))))
+    assert [text.partition("\n")[0] for text in texts if ">>> " in text and text not in run] == []
+
+
 @pytest.mark.parametrize("place", PUBLIC)
 def test_parameters_results_and_errors_have_sections(place: str) -> None:
     text = inspect.getdoc(public(place)) or ""
@@ -112,7 +129,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-@pytest.mark.parametrize("place", [*PUBLIC, *CLASSES])
+@pytest.mark.parametrize("place", EXAMPLES)
 def test_the_example_of_a_public_name_runs(place: str, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     module, _, name = place.rpartition(".")
     if name.startswith("plot_"):

@@ -52,6 +52,7 @@ class Estimator:
 
     Examples
     --------
+    >>> import trackfg
     >>> from trackfg.baselines import dead_reckoning
     >>> from trackfg.comparison import Estimator
     >>> mine = Estimator("wheel and gyro", "own", dead_reckoning.run, ("distance and position",))

@@ -201,7 +201,26 @@ class About(_ComparisonModel):
 
 @dataclass(frozen=True, repr=False)
 class Comparison(KeyFigures):
-    """The tables of the module's docstring, in memory."""
+    """A comparison has the scores of estimators on the same recordings, and the curves of one run of each case.
+
+    Attributes
+    ----------
+    about
+        What was compared, what was left out and why.
+    scores
+        One row per run, estimator, quantity and speed band; ``from_kmh`` is NaN for the whole run.
+    geometry
+        The geometry tables of the first run of each case under each other, with ``case`` and ``estimator``.
+    positions
+        The errors of the same runs over time, likewise.
+
+    Examples
+    --------
+    >>> from trackfg.comparison import Comparison, cases_of, compare
+    >>> folder = compare(cases_of(["run1"]), peers=False).write("comparison1")
+    >>> "smoother" in set(Comparison.read(folder).scores["estimator"])
+    True
+    """
 
     about: About
     scores: pd.DataFrame

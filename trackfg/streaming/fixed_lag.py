@@ -7,13 +7,15 @@ rows -> sample buffer -> moving window -> the newest state at once (filtered)
 Filtered rows do not wait: a relinearisation pass or a piece of the smoothed tables that falls due with a keyframe is
 done when the next rows come, and the inertial part of the next keyframe before its last rows come.
 
->>> smoother = FixedLagSmoother(source.description, lag_s=10.0)
->>> intake = Intake.of(source)
->>> for batch in source:
-...     rows, events = intake.push(batch)
-...     estimates = smoother.put(rows)
-...     print(estimates.filtered[["t_s", "chainage_m", "chainage_m_sd"]])
->>> last = [smoother.put(intake.finish()[0]), smoother.finish()]
+From a source's first batch to the last estimates::
+
+    smoother = FixedLagSmoother(source.description, lag_s=10.0)
+    intake = Intake.of(source)
+    for batch in source:
+        rows, events = intake.push(batch)
+        estimates = smoother.put(rows)
+        print(estimates.filtered[["t_s", "chainage_m", "chainage_m_sd"]])
+    last = [smoother.put(intake.finish()[0]), smoother.finish()]
 """
 
 from __future__ import annotations

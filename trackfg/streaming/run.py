@@ -3,12 +3,12 @@
 source -> intake -> fixed-lag smoother -> sink
 
 With checkpoints, a stream that was killed goes on from the last one, and all that it writes is, to the last bit, what
-it would have written:
+it would have written::
 
->>> saved = checkpoints.read()
->>> source = RecordingSource(recording, position=saved.position)
->>> stream = Stream.of(source, FixedLagSmoother(source.description), saved)
->>> stream.run(ParquetParts(folder, state=saved.sink), checkpoints)
+    saved = checkpoints.read()
+    source = RecordingSource(recording, position=saved.position)
+    stream = Stream.of(source, FixedLagSmoother(source.description), saved)
+    stream.run(ParquetParts(folder, state=saved.sink), checkpoints)
 """
 
 from __future__ import annotations
