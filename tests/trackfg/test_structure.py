@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import ast
+import re
 from pathlib import Path
 
 import pytest
@@ -37,3 +39,14 @@ def test_a_package_has_few_modules(folder: Path) -> None:
 def test_a_package_says_what_it_is(folder: Path) -> None:
     if list(folder.glob("*.py")):
         assert (folder / "__init__.py").read_text().startswith('"""')
+
+
+@pytest.mark.parametrize("folder", FOLDERS, ids=lambda folder: str(folder.relative_to(ROOT)))
+def test_a_table_of_modules_names_all(folder: Path) -> None:
+    page = folder / "__init__.py"
+    text = (ast.get_docstring(ast.parse(page.read_text())) or "") if page.exists() else ""
+    if re.search(r"^(module|package) {2,}\w", text, re.MULTILINE):
+        modules = {
+            path.stem for path in [*folder.glob("*.py"), *(path.parent for path in folder.glob("*/__init__.py"))]
+        }
+        assert sorted(modules - {"__init__", *re.findall(r"``(\w+)``", text)}) == []

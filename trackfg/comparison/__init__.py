@@ -10,6 +10,8 @@ module             content
 ``railway_case``   a run against its truth, or against the smoother
 ``withheld_case``  a recording without a truth: measurements are withheld and predicted
 ``friction_case``  a car's drive: tyre friction
+``withholding``    the parts of a recording that are withheld, and how well they are predicted
+``differences``    where an estimator differs from the smoother, kilometre by kilometre
 =================  ==================================================================================
 """
 

@@ -11,9 +11,14 @@ module              content
 ``tables``          smoothed tables and events of what left the window
 ``locating``        where the stream is on a map
 ``fixed_lag``       :class:`~trackfg.streaming.fixed_lag.FixedLagSmoother`: rows in, estimates out
+``sigma_test``      whether smoothed and filtered estimates differ by more than their sigmas
+``roll_test``       whether the mean roll on straights is zero
+``vibration_test``  whether the sensor vibrates by more than the track's sigmas
+``late_clocks``     whether a clock is off by more than it allows for
 ``back_pressure``   sparser keyframes while rows come faster than they can be handled
 ``sinks``           where estimates go: JSON lines, a callback, Parquet parts
 ``run``             all of it in a row
 ``checkpoint``      the file from which a killed stream goes on
+``view``            a running stream in a browser
 ==================  ===================================================================================================
 """

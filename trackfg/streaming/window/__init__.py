@@ -16,7 +16,7 @@ the factors of the batch smoother, numbered from the oldest one. Three things ha
    rest becomes the marginal prior of the first keyframe that stays, fixed at its linearisation point; their own
    conditionals are kept (:mod:`~trackfg.streaming.window.marginalised`), so that back-substitution reaches them later.
 
-The running window keeps the same keyframes as three graphs::
+The running window keeps the same keyframes as three graphs, and the intervals that were added since the last pass::
 
     window p-x--x--x--x--x--x--x             all keyframes at the last pass, as that left them
     recent                p-x--x             the last two of these; all while the heading is unknown
@@ -43,6 +43,8 @@ module              content
 ``next_interval``   prediction and factors of the next interval, by the batch smoother's functions
 ``filter_step``     the Gauss-Newton step of two keyframes, a Kalman filter's update
 ``fix_voting``      which of contradicting fixes are followed
+``wheel_creep``     whether the wheel crept, as a fix or the accelerometer shows it
+``gnss_record``     how good GNSS positions are, from their residuals
 ``rests``           standstills, while they last
 ``marginalised``    keyframes that left the window and are still needed by the tables
 ``sample_buffer``   the rows that are still needed
