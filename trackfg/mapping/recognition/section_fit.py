@@ -66,7 +66,7 @@ _WALK_SCALE = 1e-4
 _LEAST_SHARED = 0.7
 """Least ``sum f' r' / sum f'^2`` of a match. Chosen on simulated lines; see Assumptions in docs/engine.md."""
 _LEAST_SOFTNESS = 0.5
-"""Least mean derivative of the score over the mean weight: of normal residuals it is 0.84."""
+"""Least mean derivative of the score over the mean weight: of normal residuals it is 0.85."""
 _LEAST_KNOWN = 0.5
 """Least share of a section's rows that a match needs."""
 _LEAST_NOISE = 1e-4

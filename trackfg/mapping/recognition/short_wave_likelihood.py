@@ -8,7 +8,7 @@ is ``v = mean r^2``. The section has ``n`` independent values: its cells over ``
 the reference's autocorrelation (Bartlett, Journal of the Royal Statistical Society 98, 1935).
 
 The variance itself is not known, only that it is about ``s^2``. With a scaled inverse chi-square prior of ``k`` degrees
-of freedom about ``s^2`` the marginal likelihood is (Gelman et al., Bayesian Data Analysis, section 3.3)
+of freedom about ``s^2`` the marginal likelihood is (Gelman et al., Bayesian Data Analysis, 3rd ed., section 2.6)
 
     log L(v, s^2) = (k/2) log(k s^2) - ((k + n)/2) log(k s^2 + n v) + constant,
 

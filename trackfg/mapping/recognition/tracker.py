@@ -27,8 +27,8 @@ _NEAR_PLACES = 10
 class TrackedPlace:
     """The most probable place of the last section.
 
-    ``run_m``, ``reference_m``: its middle in the run's chainage and on the reference. ``probability``: that it is
-    within 20 m of there.
+    ``run_m``, ``reference_m``: its middle in the run's chainage and on the reference, the mean over those 42 m of
+    places that hold the greatest probability. ``probability``: of these.
     """
 
     run_m: float

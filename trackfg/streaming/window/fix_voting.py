@@ -2,7 +2,8 @@
 
 A window holds only a few fixes, and marginalised fixes can no longer be revised: after accepting one wrong fix, the
 robust loss would reject every correct one. So votes are counted per hypothesis of the vehicle's position. With the
-estimated distance D, the innovation of a fix at d is ``r = d - D`` with the variance ``V = var(D) + sigma^2``. The fix
+estimated distance D, the innovation of a fix at d is ``r = d - D`` with the variance ``V = var(D) + sigma^2 + c^2``,
+where c is 1 % of the way since the newest keyframe: creep that the scale does not cover. The fix
 
 * votes for the accepted hypothesis, where ``|r| <= GATE sqrt(V)``: it goes into the graph, with its robust loss;
 * or shows that the wheel crept since the last one that did, where that is likelier than that the fix is wrong

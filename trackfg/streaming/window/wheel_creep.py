@@ -10,8 +10,8 @@ sum of both variances, its density is
 
 with the probabilities W and E and the length R of the line as in the batch's consensus of fixes
 (:mod:`trackfg.graph.fix_consensus`). Creep is a scale that has walked since the last fix that agreed, w metres before,
-with a sigma of ``MOST_CREEP``, so that ``q^2 w = MOST_CREEP^2``: r is up to 3 % of w then. A fix with the chainage of
-another balise is further off.
+with a sigma of ``MOST_CREEP`` at the end, so that ``q^2 w = MOST_CREEP^2``: creep is likelier than a wrong fix where r
+is below 2.7 % of w (over less than 1 km, below some 3 %). A fix with the chainage of another balise is further off.
 
 If the wheel crept, the window has a scale that walks by q since that fix, and its marginal prior allows for the walk
 before the window. The accelerometer shows where in the window the scale changed. Wheels of further axles have one scale
@@ -98,12 +98,14 @@ def with_creep(window: Window, creep: Creep) -> Window:
     since = _way_since(window.states.odo.distance, creep)
     odo = window.states.odo.array.copy()
     odo[:, Odo.DISTANCE] += creep.further_m * since / creep.way_m
-    walk, before = creep.walk_per_sqrt_m, float(since[0])
+    walk, marginalised_m = creep.walk_per_sqrt_m, float(since[0])
     step = window.states.odo.step[1:] * (since[1:] != 0.0)
     families = with_walking_scale(window.families, step, walk)
     families = _with_creeping_axles(families, np.abs(step) * creep.variance / abs(creep.way_m))
-    if before:
-        families = changed(families, FactorType.MARGINAL_PRIOR, lambda one: with_scale_walked(one, before, walk))
+    if marginalised_m:
+        families = changed(
+            families, FactorType.MARGINAL_PRIOR, lambda family: with_scale_walked(family, marginalised_m, walk)
+        )
     return replace(window, states=replace(window.states, odo=Odo(odo)), families=families)
 
 
