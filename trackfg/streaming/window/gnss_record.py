@@ -116,7 +116,7 @@ class GnssRecord:
 
     @property
     def rest_erred(self) -> bool:
-        """Whether positions have been right once against all else: the wheel's scale walks from then on."""
+        """Return whether positions have been right once against all else: the wheel's scale walks from then on."""
         return len(self.regained) > 0
 
     def _err_less_than_the_rest(self) -> bool:
