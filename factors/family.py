@@ -67,7 +67,8 @@ class Family(Outlined):
 
     ``data`` holds the measurements by name, arrays with leading dimension m; ``sigma`` the 1-sigma of each residual
     row, shape (m, d), in the residual's units. Raises ``ValueError`` for wrong shapes, for values that are not finite
-    and for sigmas that are not positive: GTSAM answers these with a crash of the interpreter.
+    and for sigmas that are not positive: GTSAM answers these with a crash of the interpreter. Raises ``TypeError`` for
+    lists and lone numbers in the place of arrays.
     """
 
     type: FactorType
@@ -82,6 +83,10 @@ class Family(Outlined):
     """What reports call it, if not by its type."""
 
     def __post_init__(self) -> None:
+        indices = ((f"slot {slot.kind.name}", slot.index) for slot in self.slots)
+        for what, given in (("sigma", self.sigma), *self.data.items(), *indices):
+            if not isinstance(given, np.ndarray):
+                raise TypeError(f"{self.name}: {what} is a {type(given).__name__}; expected an array of numpy")
         m = len(self)
         for slot in self.slots:
             if slot.index.shape != (m,):

@@ -20,6 +20,7 @@ from trackfg.factors.gnss import gnss_position
 from trackfg.factors.gravity import gravity_tilt
 from trackfg.factors.gtsam_bridge import custom_factors, with_frozen_chain
 from trackfg.factors.landmark import OnLine, across_line, along_line, balise_passage, landmark
+from trackfg.factors.linear import Slot
 from trackfg.factors.loss import Cauchy, Huber, Loss, SwitchChain
 from trackfg.factors.motion import at_rest, non_holonomic, stays
 from trackfg.factors.odometry import absolute_fix, arc_length, distance_chain, tach_distance, tach_reading
@@ -278,6 +279,20 @@ def test_keys_are_gtsam_symbols() -> None:
 def test_bad_measurements_are_refused(change: object, message: str) -> None:
     with pytest.raises(ValueError, match=message):
         change()  # type: ignore[operator]
+
+
+@pytest.mark.parametrize(
+    ("slots", "distance", "sigma", "message"),
+    [
+        ([0, 1], np.ones((2, 1)), np.ones((2, 1)), "absolute fix: slot ODO is a list; expected an array"),
+        (np.arange(2), [[1.0], [1.0]], np.ones((2, 1)), "absolute fix: distance is a list"),
+        (np.arange(2), np.ones((2, 1)), 0.5, "absolute fix: sigma is a float"),
+    ],
+)
+def test_what_is_no_array_is_named(slots: Any, distance: Any, sigma: Any, message: str) -> None:
+    good = absolute_fix(np.arange(2), np.ones(2), np.ones((2, 1)), None)
+    with pytest.raises(TypeError, match=message):
+        Family(good.type, good.evaluate, (Slot(Kind.ODO, slots),), {"distance": distance}, sigma)
 
 
 def test_wrong_shapes_never_reach_gtsam() -> None:

@@ -46,7 +46,7 @@ from trackfg.graph.wheel_slip import Rolling, rolling
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.key_figures import KeyFigures
 from trackfg.numerics.spans import within
-from trackfg.recording.model import Recording
+from trackfg.recording.model import Recording, refuse_other_than_recording
 from trackfg.sensors.dead_reckoning import InitialPath, initial_path
 from trackfg.sensors.imu_intervals import Intervals, intervals
 from trackfg.sensors.imu_noise import NoiseFloor
@@ -182,6 +182,8 @@ def build_problem(
     ------
     UnsolvableError
         For a run too short to hold a graph.
+    TypeError
+        For anything but a recording: a path, say, or a simulation, which has one.
 
     Examples
     --------
@@ -191,6 +193,7 @@ def build_problem(
     >>> len(problem.errors(problem.initial)) > 100  # factors
     True
     """
+    refuse_other_than_recording(recording, "build_problem")
     data = data or intervals(recording)
     if len(data) < 10 or data.edges[-1] - data.edges[0] < 0.5:
         raise too_short(recording, data.edges[-1] - data.edges[0])

@@ -144,3 +144,10 @@ class Recording(KeyFigures):
             if table is not None:
                 digest.update(np.ascontiguousarray(table.to_numpy(dtype="<f8")).tobytes())
         return digest.hexdigest()
+
+
+def refuse_other_than_recording(given: object, function: str) -> None:
+    """Raise ``TypeError`` for anything but a recording in the call of a ``function``: for a path, or a simulation."""
+    if not isinstance(given, Recording):
+        what = f"{function} takes a recording, as trackfg.read_recording(folder) gives, not {type(given).__name__}"
+        raise TypeError(what)

@@ -40,7 +40,7 @@ from trackfg.output.track_geometry import geometry_table
 from trackfg.output.trajectory import calibration_table, trajectory_table
 from trackfg.recording.antenna import with_antenna_named
 from trackfg.recording.findings import Finding, raise_first
-from trackfg.recording.model import Recording
+from trackfg.recording.model import Recording, refuse_other_than_recording
 from trackfg.results.balise_passages import BalisePassages
 from trackfg.results.official_places import unplaced
 from trackfg.results.place_covariance import PlaceCovariance
@@ -166,9 +166,7 @@ def smooth(
     >>> int(result.trajectory["chainage_m"].max().round(-1))  # m, from where the run starts
     300
     """
-    if not isinstance(recording, Recording):
-        given = type(recording).__name__
-        raise TypeError(f"smooth takes a recording, as trackfg.read_recording(folder) gives, not {given}")
+    refuse_other_than_recording(recording, "smooth")
     if config is not None and not isinstance(config, SmoothConfig):
         given = type(config).__name__
         raise TypeError(f"smooth takes settings as trackfg.SmoothConfig.model_validate(settings) gives, not {given}")

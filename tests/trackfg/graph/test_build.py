@@ -159,6 +159,11 @@ def test_too_short_a_record_is_refused(run: Simulation, samples: int) -> None:
         problem_of(replace(run.recording, imu=run.recording.imu.iloc[:samples]))
 
 
+def test_a_simulation_is_no_recording(run: Simulation) -> None:
+    with pytest.raises(TypeError, match=r"build_problem takes a recording, .* not Simulation"):
+        problem_of(run)  # type: ignore[arg-type]
+
+
 def test_rests_after_the_inertial_record_are_left_out(simulated: Callable[..., Simulation]) -> None:
     """Of a tach whose clock goes 60 times as fast from the second minute on, half the stops are after the record."""
     recording = simulated("shunting", seed=1, duration_s=200.0).recording
