@@ -195,12 +195,12 @@ def compare(
         raise BadInputError(f"nothing to compare with: no estimator could be scored{reasons}")
     scores = scores.reindex(columns=list(SCORE_COLUMNS))
     known: dict[str, Estimator | FrictionEstimator] = {**friction_estimators(), **estimators(), **own}
-    compared = tuple(one for run in runs for one in run.differences)
-    present = {*scores["estimator"], *(one.estimator for one in compared)}
+    compared = tuple(difference for run in runs for difference in run.differences)
+    present = {*scores["estimator"], *(difference.estimator for difference in compared)}
     about = About(
         seconds=time.perf_counter() - start,
         cases=_lines(runs),
-        estimators={name: f"{one.title} ({one.source})" for name, one in known.items() if name in present},
+        estimators={name: f"{each.title} ({each.source})" for name, each in known.items() if name in present},
         left_out=_left_out(runs),
         rows=rows_of(scores),
         differences=compared,

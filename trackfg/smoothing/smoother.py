@@ -185,22 +185,22 @@ def smooth(
     of_line = () if smoothed.on_line is None else smoothed.on_line.events
     events = event_table(sources, smoothed.solution.states, smoothed.covariance, smoothed.trajectory, of_line)
     passages, balises = BalisePassages.none(), None
-    found: tuple[Finding, ...] = (*measured.findings, *correction.findings)
+    findings: tuple[Finding, ...] = (*measured.findings, *correction.findings)
     if measured.balises is not None:
         own = own_passages(measured, smoothed.problem, smoothed.solution.states)
         passages = widened_passages(own, smoothed.verdicts)
     if (km := recording.description.kilometrage) is not None and not _is_placed(anchored, smoothed.located):
-        found = (*found, *unplaced(smoothed.trajectory["chainage_m"], km))
+        findings = (*findings, *unplaced(smoothed.trajectory["chainage_m"], km))
     if len(passages):
         from trackfg.mapping.runs.balise_survey import surveyed
 
         balises = surveyed([passages], [recording.description.id])
-        found = (*found, *balise_findings(balises))
+        findings = (*findings, *balise_findings(balises))
     return Result(
         widened(smoothed.trajectory, smoothed.verdicts),
         widened(smoothed.geometry, smoothed.verdicts),
         widened(events, smoothed.verdicts),
-        _summary(replace(recording, findings=found), config, smoothed, correction),
+        _summary(replace(recording, findings=findings), config, smoothed, correction),
         widened_places(smoothed.places, smoothed.verdicts),
         *(() if balises is None else (balises.table, passages)),
     )
