@@ -19,7 +19,7 @@ from trackfg.numerics.key_figures import Outlined
 from trackfg.recording.model import Recording
 from trackfg.sensors.allan import averaging_factors, degrees_of_freedom, overlapping_allan
 from trackfg.sensors.noise_fit import FLICKER_FLOOR, KINDS, NoiseFit, fit_noise, pooled
-from trackfg.sensors.rest_log import RestLog, longest_rest
+from trackfg.sensors.rest_log import RestLog, longest_rest, steps_of
 
 SHORTEST_S = 60.0
 """A shorter rest is refused, s: it would show white noise alone."""
@@ -84,7 +84,7 @@ def log_noise(
     """Return the noise that the longest rest of a recording shows.
 
     ``temperature``: the name of a column and its values (n,), degC, a row per sample of the inertial sensor.
-    Raises ``ValueError`` where no rest lasts :data:`SHORTEST_S`.
+    Raises ``ValueError`` where no rest lasts :data:`SHORTEST_S`, and where a channel does not change during it.
     """
     begin = progress or (lambda stage, done: None)
     rest = longest_rest(recording)
@@ -94,6 +94,8 @@ def log_noise(
             f"the longest rest lasts {length:.0f} s; expected {SHORTEST_S:.0f} s or more. "
             "Hint: log for two hours with the vehicle parked and its engine off"
         )
+    steps = steps_of(rest.samples)
+    _refuse_constant(rest.samples, steps)
     heat = None if temperature is None else _filled(temperature[1][rest.rows], temperature[0])
     factors = averaging_factors(len(rest.samples))
     curves, rows = [], []
@@ -112,13 +114,24 @@ def log_noise(
         rows.append({"sensor": sensor, "axis": "all", **_row(pooled(fits))})
     allan, axes = pd.concat(curves, ignore_index=True), pd.DataFrame(rows)
     allan = allan[["sensor", "axis", *allan.columns[:-2]]]
-    declared, remarks = _declared(axes, rest.end_s - rest.begin_s)
+    declared, remarks = _declared(axes, rest, steps)
     column = None if temperature is None else temperature[0]
     return LogNoise(recording.description.id, rest, allan, axes, declared, remarks, column)
 
 
 _TRUSTED = 5.0
 """Degrees of freedom that a deviation must have to be called the lowest one: its sigma is then below a third."""
+
+
+def _refuse_constant(samples: Array, steps: Array) -> None:
+    """Raise ``ValueError`` for a channel without noise: it is rounded to steps that are coarser, or is no sensor's."""
+    names = [f"{sensor} {axis}" for sensor in SENSORS for axis in "xyz"]
+    for name, unit, value, step in zip(names, np.repeat([*SENSORS.values()], 3), samples[0], steps, strict=True):
+        if step == 0.0:
+            raise ValueError(
+                f"{name}: holds {value:.6g} {unit} throughout the rest; expected noise. Hint: log with a finer "
+                "range or more digits, or take [imu.noise] from the data sheet"
+            )
 
 
 def _filled(values: Array, name: str) -> Array:
@@ -158,13 +171,19 @@ def _row(fit: NoiseFit) -> dict[str, float]:
     return row | {"per_kelvin": fit.per_kelvin, "per_kelvin_sd": fit.per_kelvin_sd}
 
 
-def _declared(axes: pd.DataFrame, duration_s: float) -> tuple[dict[str, float], dict[str, str]]:
-    """Return values of ``[imu.noise]`` and remarks: of a sensor whose bias shows no walk, one that is as large."""
-    declared, remarks = {}, {}
-    for sensor in SENSORS:
+def _declared(axes: pd.DataFrame, rest: RestLog, steps: Array) -> tuple[dict[str, float], dict[str, str]]:
+    """Return values of ``[imu.noise]`` and remarks: of a sensor whose bias shows no walk, one that is as large; of one
+    whose noise is lost in its ``steps``, the noise of rounding, which it has as soon as it moves.
+    """
+    declared, remarks, duration_s = {}, {}, rest.end_s - rest.begin_s
+    for sensor, step in zip(SENSORS, np.sqrt((steps.reshape(2, 3) ** 2).mean(axis=1)), strict=True):
         fit = axes[(axes["sensor"] == sensor) & (axes["axis"] == "all")].iloc[0]
         white, flicker, walk = fit["white"], fit["bias_instability"], fit["bias_walk"]
-        declared[f"{sensor}_white"] = float(white)
+        rounding = float(step * np.sqrt(rest.dt / 12.0))
+        if white < rounding:
+            steps_are = f"steps of {step:.3g} {SENSORS[sensor]}"
+            remarks[f"{sensor}_white"] = f"of rounding to {steps_are}: the log shows {white:.2g}"
+        declared[f"{sensor}_white"] = white = max(float(white), rounding)
         key = f"{sensor}_bias_walk"
         if walk > 0.0:
             declared[key] = float(walk)

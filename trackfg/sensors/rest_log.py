@@ -30,7 +30,9 @@ _SIGMAS = 5.0
 """Of the difference of two means: of a day's blocks of six channels 0.3 differ by more."""
 
 _LOUDER = 3.0
-"""A block is no rest where its scatter is this many times that of the quietest quarter: an engine, or people."""
+"""A block is no rest where its scatter is this many times that of the quietest quarter: an engine, or people. Besides,
+it may be half a step in each channel: values that change between two neighbours, where others' do not change at all.
+"""
 
 _WHOLE = 0.99
 """Share of a block's samples that have to be there."""
@@ -76,6 +78,13 @@ def longest_rest(recording: Recording) -> RestLog | None:
     return RestLog(samples[rows], dt, float(edges[first]), float(edges[last]), float(t[-1] - t[0]), rows)
 
 
+def steps_of(samples: Array) -> Array:
+    """Return the step of each channel of ``samples`` (n, c), which is the least change of its value; 0 without any."""
+    changes = np.abs(np.diff(samples, axis=0))
+    least = np.min(changes, axis=0, where=changes > 0.0, initial=np.inf)
+    return np.where(np.isfinite(least), least, 0.0)
+
+
 def _steady(t: Array, samples: Array, edges: Array) -> np.ndarray:
     """Return which blocks between ``edges`` are complete, no louder than others, and like both neighbours."""
     at = np.searchsorted(t, edges)
@@ -87,7 +96,8 @@ def _steady(t: Array, samples: Array, edges: Array) -> np.ndarray:
     variance = np.maximum(square / count - mean**2, 0.0)
     complete = number >= _WHOLE * np.median(number)
     scatter = np.sqrt(variance.reshape(-1, 2, 3).sum(axis=2))
-    calm = np.all(scatter <= _LOUDER * np.quantile(scatter, 0.25, axis=0), axis=1)
+    half_step = 0.5 * np.sqrt((steps_of(samples).reshape(2, 3) ** 2).sum(axis=1))
+    calm = np.all(scatter <= np.maximum(_LOUDER * np.quantile(scatter, 0.25, axis=0), 1.001 * half_step), axis=1)
     of_mean = variance / count
     near = np.all(np.abs(np.diff(mean, axis=0)) <= _TOLERANCE + _SIGMAS * np.sqrt(of_mean[1:] + of_mean[:-1]), axis=1)
     return np.asarray(complete & calm & np.append(True, near) & np.append(near, True))

@@ -132,3 +132,21 @@ def test_a_drift_is_no_motion_and_a_drive_is_no_rest() -> None:
     swaying = accel + 0.5 * np.sin(2.0 * np.pi * t / 7.0)[:, None]
     rest = longest_rest(recording(gyro, swaying))
     assert rest is None or rest.end_s - rest.begin_s < 10.0
+
+
+def test_readings_that_change_by_single_steps_are_at_rest_and_get_the_noise_of_rounding() -> None:
+    rng, count, step = np.random.default_rng(0), round(600.0 * RATE_HZ), 0.04
+    accel = step * (np.round(white(rng, count, 1.5e-3) / step) + np.array([0.0, 0.0, 245.0]))
+    noise = log_noise(recording(white(rng, count, 1e-4), accel))
+    assert noise.rest.is_whole
+    assert noise.declared["accel_white"] == pytest.approx(step / np.sqrt(12.0 * RATE_HZ), rel=1e-3)
+    assert "rounding to steps of 0.04 m/s^2" in noise.remarks["accel_white"]
+    assert noise.declared["gyro_white"] == pytest.approx(1e-4, rel=0.1)
+    assert "gyro_white" not in noise.remarks
+
+
+def test_a_channel_that_holds_one_value_is_refused_by_name() -> None:
+    gyro, accel = parked(0, seconds=600.0)
+    accel[:, 2] = 9.8
+    with pytest.raises(ValueError, match=r"^accel z: holds 9\.8 m/s\^2 throughout the rest; expected noise\. Hint: "):
+        log_noise(recording(gyro, accel))
