@@ -99,8 +99,13 @@ def not_increasing(t: Array, place: ColumnPlace) -> list[Finding]:
     place = replace(place, t=t)
     hint = "remove the repeated rows, or give the time more digits"
     repeated = place.at_first(steps == 0, "time-repeated", "the time of the row before again", expected, hint)
-    hint = "sort the rows by time; repair a clock that was set while recording"
-    return [*repeated, *place.at_first(steps < 0, "time-falls", "earlier than the row before", expected, hint)]
+    falls = steps < 0
+    message = f"earlier than the row before, by {-steps[np.argmax(falls)]:.6g} s"
+    hint = (
+        "where a clock was set back, as at the end of summer time, add as much to the times of all later rows; else "
+        "sort the rows by time"
+    )
+    return [*repeated, *place.at_first(falls, "time-falls", message, expected, hint)]
 
 
 def gaps(t: Array, place: ColumnPlace, warning_s: float, error_s: float | None) -> list[Finding]:

@@ -202,8 +202,8 @@ def _note(notes: Iterable[str]) -> None:
 
 
 def _assume(question: Question) -> str:
-    """Answer with the default, and say so unless no answer is needed."""
-    if not question.optional:
+    """Answer with the default, and say so unless there is none or no answer is needed."""
+    if question.default and not question.optional:
         note(f"trackfg: note: {question.text}: {question.default} is assumed ({question.key})")
     return question.default
 

@@ -36,7 +36,7 @@ from trackfg.io.reader import LoadedRecording, load
 from trackfg.io.writer import write_table
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.kilometrage import Kilometrage
-from trackfg.recording.findings import errors
+from trackfg.recording.findings import Finding, errors
 
 _COLUMN_KEYS = {
     "imu": ("gyro", "accel"),
@@ -95,7 +95,8 @@ class Imported:
 class Conversion:
     """A recording in memory, until it is written: its description, its tables by file, and the mapping's name.
 
-    ``notes`` say what was assumed and what was left out; ``origins`` are names of the user's own, by file.
+    ``notes`` say what was assumed and what was left out; ``origins`` are names of the user's own, by file, and
+    ``clocks`` those of the columns of time: here, and the user's own.
     """
 
     description: dict[str, Any]
@@ -103,6 +104,7 @@ class Conversion:
     mapping_name: str
     notes: tuple[str, ...]
     origins: dict[str, str]
+    clocks: dict[str, tuple[str, str]]
 
     def write(self, folder: Path) -> Imported:
         """Write the recording, complete or not at all; each table is dropped from memory once it is written.
@@ -121,11 +123,20 @@ class Conversion:
         return Imported(folder, loaded, rows)
 
     def _refusal(self, loaded: LoadedRecording) -> str:
-        """Return the errors, in the names of the user's own files: those of the recording are not there yet."""
-        found = [replace(one, file=self.origins.get(one.file or "", one.file)) for one in errors(loaded.findings)]
+        """Return the errors, in the names of the user's own files and columns: the recording is not there yet.
+
+        What is wrong in a table of several sensors is said once.
+        """
+        found = list({one.sentence: one for one in map(self._of_the_source, errors(loaded.findings))}.values())
         also = "; ".join(one.sentence for one in found[1:_MOST_NAMED])
         more = f" ({len(found) - _MOST_NAMED} more)" if len(found) > _MOST_NAMED else ""
         return f"{found[0]}" + (f". Also: {also}{more}" if also else "")
+
+    def _of_the_source(self, finding: Finding) -> Finding:
+        file = finding.file or ""
+        here, own = self.clocks.get(file, ("", ""))
+        column = own if here and finding.column == here else finding.column
+        return replace(finding, file=self.origins.get(file, finding.file), column=column)
 
 
 def write_imported(tables: Sequence[SourceTable], mapping: Mapping, folder: Path, *, run_id: str) -> Imported:
@@ -146,12 +157,18 @@ def converted(tables: Sequence[SourceTable], mapping: Mapping, *, run_id: str) -
     description, files = _described(parts, mapping, start_ns, run_id)
     notes = dict.fromkeys(text for part in parts for text in (*part.times.notes, *part.notes))
     origins = {_file_of(part): _origin(part) for part in parts}
-    return Conversion(description, files, mapping.name, tuple(notes), origins)
+    clocks_of = {_file_of(part): (_time_of(part), " and ".join(part.sensor.time_columns)) for part in parts}
+    return Conversion(description, files, mapping.name, tuple(notes), origins, clocks_of)
 
 
 def _file_of(part: _Part) -> str:
     """Return the name of the file that a part becomes."""
     return f"{part.sensor.section.replace('[', '_').rstrip(']')}.parquet"
+
+
+def _time_of(part: _Part) -> str:
+    """Return the name of the column of time in the file that a part becomes."""
+    return "t" if "t" not in part.columns else "t_s"
 
 
 def _origin(part: _Part) -> str:
@@ -407,7 +424,7 @@ def _described(
     files: dict[str, pd.DataFrame] = {}
     for part in parts:
         file = _file_of(part)
-        time = "t" if "t" not in part.columns else "t_s"
+        time = _time_of(part)
         columns = {name: np.asarray(values) for name, values in part.columns.items()}
         # No clock is finer than 1 ns, so that a time is the same however its source has written it.
         with np.errstate(over="ignore"):  # damaged times may be of any size

@@ -98,6 +98,16 @@ def test_init_keeps_the_answers_where_the_log_is_not_usable(tmp_path):
     assert "column 'GyrX'" in again.stderr
 
 
+def test_what_has_no_default_is_not_said_to_be_assumed(tmp_path):
+    source, _ = vendor_log(tmp_path)
+
+    done = _trackfg("import", source, "-o", tmp_path / "run")
+
+    assert done.returncode == 2
+    assert "tach.pulses_per_rev: the source does not say it" in done.stderr
+    assert "(tach.pulses_per_rev)" not in done.stderr
+
+
 def test_init_says_what_it_recognised_and_takes_the_place_where_the_run_begins(tmp_path):
     recording = simulate("trolley", seed=1, duration_s=80.0).recording
     imu = recording.imu.iloc[::4]

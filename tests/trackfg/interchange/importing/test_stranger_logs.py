@@ -553,6 +553,18 @@ def test_a_log_that_is_not_usable_is_refused_by_its_own_name(drive: Drive, tmp_p
     assert "parquet" not in str(refusal.value)
 
 
+def test_times_of_day_over_the_end_of_summer_time_are_refused_once_by_the_name_of_their_column(
+    drive: Drive, tmp_path: Path, imported: Import
+) -> None:
+    of_day = pd.to_datetime(drive.ns - np.where(drive.t > 10.0, 3_600_000_000_000, 0)).strftime("%H:%M:%S.%f")
+    head = HEAD.replace("t_s", "Uhrzeit")
+    source = _text(tmp_path / "log.csv", [head], _cells(drive, of_day.tolist(), rate=DEG, force=G))
+    with pytest.raises(BadInputError, match=r"log\.csv, column 'Uhrzeit', data row 1002 .* by 3599\.99 s") as refusal:
+        imported(source)
+    assert "set back, as at the end of summer time, add as much to the times of all later" in str(refusal.value)
+    assert str(refusal.value).count("earlier than the row before") == 1
+
+
 def test_of_two_sensors_one_is_chosen_with_its_own_accelerometer(drive: Drive, tmp_path: Path) -> None:
     one, two = ([f"imu{n}_{name}" for name in ("gx", "gy", "gz", "ax", "ay", "az")] for n in (1, 2))
     columns = {"t_s": drive.t}
