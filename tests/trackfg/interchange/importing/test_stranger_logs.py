@@ -226,6 +226,19 @@ def _a_file_for_each_channel(drive: Drive, folder: Path) -> Path:
     return source
 
 
+def _beside_a_readme(drive: Drive, folder: Path) -> Path:
+    source = folder / "car 12"
+    source.mkdir()
+    _units_in_names(drive, source)
+    (source / "README.txt").write_text("Logged on car 12.\nAxes: forward, left, up.\n")
+    return source
+
+
+def _axes_before_words(drive: Drive, folder: Path) -> Path:
+    names = "Time,RollRate (deg/s),PitchRate (deg/s),YawRate (deg/s),XAccel (g),YAccel (g),ZAccel (g),wheel_kmh"
+    return _text(folder / "log.csv", [names], _cells(drive, _seconds(drive), rate=DEG, force=G, wheel=1 / 3.6))
+
+
 def _files_of_sensors(drive: Drive) -> dict[str, str]:
     files = {}
     for name, names, values in (
@@ -372,7 +385,7 @@ UNDATED = (
     _utf_16_without_a_mark, _japanese, _units_of_everyone, _letters_of_aircraft, _week_that_starts_again,
     _microseconds_of_32_bits, _sample_time_fine, _time_of_day_in_digits, _compressed, _matlab_structs, _matlab_7_3,
     _npz,
-    _json_columns,
+    _json_columns, _beside_a_readme, _axes_before_words,
 )  # fmt: skip
 
 

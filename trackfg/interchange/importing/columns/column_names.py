@@ -9,7 +9,7 @@ from trackfg.interchange.importing.columns.written_units import QUANTITIES, fact
 
 _AXIS = re.compile(
     r"(?:^|[\s_.\-/])([xyzXYZ])(?:$|[\s_.\-/\[(])|([xyz])(?=$|_|\d|\s)|(?<=[a-z])([XYZ])(?![a-z])|"
-    r"(?<=^[AGWF])([XYZ])$|(?<=[\u3040-\u9fff])([XYZ])$"
+    r"(?<=^[AGWF])([XYZ])$|^([XYZ])(?=[A-Z][a-z])|(?<=[\u3040-\u9fff])([XYZ])$"
 )
 _NAMED_AXIS = {
     "x": re.compile(r"roll|wank|longitudinal|\blong(?=acc|\W)|l(ä|ae)ngs"),

@@ -13,6 +13,8 @@ from trackfg.interchange.importing.sources.table_files import GNSS_LOGS, holds_t
 
 _DEPTH = 3
 """Folders within folders in which files are looked for, if there is none outside them."""
+_PROSE = ("readme", "liesmich", "licence", "license", "copying")
+"""Beginnings of the names of text files that say something of the tables beside them."""
 
 
 class TextFormat(SourceFormat):
@@ -26,7 +28,7 @@ class TextFormat(SourceFormat):
         if path.is_dir():
             return bool(_files(path))
         if is_archive(path):
-            return any(holds_tables(name) for name in names_in(path))
+            return any(_is_of_tables(name) for name in names_in(path))
         return holds_tables(path.name)
 
     def tables(self, path: Path, dialect_for: DialectFor) -> Sequence[SourceTable]:
@@ -35,7 +37,7 @@ class TextFormat(SourceFormat):
             if path.is_dir():
                 files = [(file.relative_to(path).as_posix(), file) for file in _files(path)]
             elif is_archive(path):
-                files = unpacked(path, folder, lambda name: holds_tables(name) or _is_gnss_log(name))
+                files = unpacked(path, folder, lambda name: _is_of_tables(name) or _is_gnss_log(name))
             else:
                 files = [(path.name, path)]
                 return refuse_empty(read_table_files(files, folder, dialect_for, single=True), path, "table")
@@ -46,9 +48,13 @@ def _files(folder: Path) -> list[Path]:
     """Return the files of tables in a folder, else those in its folders, in the order of their names."""
     for depth in range(_DEPTH):
         files = sorted(file for file in folder.glob("*/" * depth + "*") if file.is_file())
-        if any(holds_tables(file.name) for file in files):
-            return [file for file in files if holds_tables(file.name) or _is_gnss_log(file.name)]
+        if any(_is_of_tables(file.name) for file in files):
+            return [file for file in files if _is_of_tables(file.name) or _is_gnss_log(file.name)]
     return []
+
+
+def _is_of_tables(name: str) -> bool:
+    return holds_tables(name) and not Path(name).name.casefold().startswith(_PROSE)
 
 
 def _is_gnss_log(name: str) -> bool:
