@@ -84,6 +84,8 @@ def _assumed(parts: Mapping[str, Model], toml: str) -> list[Finding]:
     ]
 
 
+_BASE_HINT = "write the distance that cross-level refers to: of the middles of the rails' tops, or the gauge"
+
 _SAME_GAUGE_M = 0.02
 """Gauges that differ by less are of one nominal size, m, widened or worn."""
 
@@ -92,10 +94,23 @@ def _track(track: Track, toml: str, gnss_origin: Array | None) -> list[Finding]:
     found = []
     for key in ("gauge_m", "cross_level_base_m"):
         found += _unusual_size("error", "track-size", getattr(track, key), (0.3, 4.0), Section(toml, f"track.{key}"))
-    if "cross_level_base_m" not in track.model_fields_set and abs(track.gauge_m - Track().gauge_m) > _SAME_GAUGE_M:
+    is_stated = "cross_level_base_m" in track.model_fields_set
+    if is_stated and not found and track.cross_level_base_m < track.gauge_m - _SAME_GAUGE_M:
+        message = f"is {track.cross_level_base_m:g} m, beside a gauge of {track.gauge_m:g} m: cross-level is of less"
+        found.append(
+            Finding(
+                "warning",
+                "track-size",
+                message,
+                file=toml,
+                column="track.cross_level_base_m",
+                expected="the gauge or more",
+                hint=_BASE_HINT,
+            )
+        )
+    if not is_stated and abs(track.gauge_m - Track().gauge_m) > _SAME_GAUGE_M:
         message = f"is not stated; {track.cross_level_base_m:g} m is assumed, beside a gauge of {track.gauge_m:g} m"
-        hint = "write the distance that cross-level refers to: of the middles of the rails' tops, or the gauge"
-        found.append(Finding("info", "assumed", message, file=toml, column="track.cross_level_base_m", hint=hint))
+        found.append(Finding("info", "assumed", message, file=toml, column="track.cross_level_base_m", hint=_BASE_HINT))
     latitude = track.latitude_deg
     if latitude is not None and gnss_origin is not None and abs(latitude - gnss_origin[0]) > 0.5:
         message = f"is {latitude:g} deg, but the GNSS positions are at {gnss_origin[0]:.3f} deg"

@@ -297,5 +297,8 @@ def _findings(t: Array, seen: GnssErrors) -> tuple[Finding, ...]:
     named = [f"{t[i]:.0f}-{t[j - 1]:.0f} s ({size[i:j].max():.1f} times)" for i, j in spans[:_NAMED]]
     where = f", most at {', '.join(named)}" if named else ""
     message = f"GNSS positions err by {np.median(size):.1f} times their declared sigmas as a rule{where}"
-    hint = "the sigmas were widened; declare what the receiver is worth, errors that last included"
+    hint = (
+        "the sigmas were widened; declare what the receiver is worth, errors that last included, and where its antenna "
+        "is (gnss.lever_arm_m)"
+    )
     return (Finding("warning", "gnss-level", message, hint=hint),)

@@ -307,5 +307,5 @@ def _mounting_notes(run: SolvedRun, far: list[int]) -> Iterator[Finding]:
             for key, (values, digits, noted) in declared.items()
             if noted.any()
         )
-        hint = f"where [imu] declares nothing: {', '.join(keys)}"
+        hint = f"where [imu] declares nothing: {', '.join(keys)}; else change what it declares by as much"
         yield Finding("info", "mounting", "; ".join(said) + " (estimated)", hint=hint)

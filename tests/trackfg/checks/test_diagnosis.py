@@ -286,6 +286,7 @@ def test_declared_noise_and_bias_are_compared_with_the_rests(make_draft: MakeDra
     ratio = float(found["noise-low"].split(", ")[2].split(" times what is declared")[0])
     assert ratio == pytest.approx(6.0, rel=0.1)
     assert "key imu.noise.accel_white" in found["noise-high"]
+    assert "Hint: set accel_white = " in found["noise-high"]
     assert "0.01 rad/s at rest" in found["gyro-bias"]
 
 

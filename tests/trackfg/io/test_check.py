@@ -476,6 +476,15 @@ def test_the_base_of_the_cross_level_is_named_beside_another_gauge(
         assert "track.cross_level_base_m: is not stated; 1.5 m is assumed, beside a gauge of " in finding
 
 
+@pytest.mark.parametrize(("base_m", "doubtful"), [(1.067, True), (1.435, False), (1.5, False)])
+def test_a_base_of_the_cross_level_below_the_gauge_is_a_warning(
+    draft: Draft, tmp_path: Path, base_m: float, doubtful: bool
+) -> None:
+    draft.toml["track"] = {"gauge_m": 1.435, "cross_level_base_m": base_m}
+    found = doubts(draft, tmp_path / "rec")
+    assert ("is 1.067 m, beside a gauge of 1.435 m" in found.get("track-size", "")) == doubtful
+
+
 def test_a_key_with_a_fault_is_not_called_absent(draft: Draft, tmp_path: Path) -> None:
     declare("imu", "rigid", value="yes")(draft)
     assert "assumed" not in {finding.code for finding in check_recording(draft.write(tmp_path / "rec")).findings}
