@@ -336,15 +336,23 @@ def _as_utc(ns: np.ndarray, zone: str, label: str) -> np.ndarray:
     """Return times (n,) that were written in a zone, ns since 1970, as those of UTC."""
     if zone == "UTC":
         return ns
+    written, place = pd.Series(ns.astype("datetime64[ns]")), _zone(zone, label)
+    hint = "Hint: state a zone without summer time as time_zone, such as Etc/GMT-1 (one hour ahead of UTC)"
     try:
-        local = pd.Series(ns.astype("datetime64[ns]")).dt.tz_localize(
-            _zone(zone, label), ambiguous="infer", nonexistent="shift_forward"
-        )
+        local = written.dt.tz_localize(place, ambiguous="infer", nonexistent="NaT")
     except ValueError:  # the hour that is there twice, without the change within the log
         raise BadInputError(
-            f"{label}: lies in the hour that {zone} has twice; expected times of which it is plain. Hint: state a zone "
-            "without summer time as time_zone, such as Etc/GMT-1 (one hour ahead of UTC)"
+            f"{label}: lies in the hour that {zone} has twice; expected times of which it is plain. {hint}"
         ) from None
+    left_out = local.isna().to_numpy()
+    if np.count_nonzero(left_out) > 1:
+        first = written.iloc[int(np.argmax(left_out))]
+        raise BadInputError(
+            f"{label}: {np.count_nonzero(left_out)} times such as {first:%Y-%m-%d %H:%M:%S} lie in the hour that "
+            f"{zone} leaves out; expected times of a clock that was set to summer time. {hint}"
+        )
+    if left_out.any():  # the one at which the clock was set
+        local = written.dt.tz_localize(place, ambiguous="infer", nonexistent="shift_forward")
     return np.asarray(local.dt.tz_convert("UTC").dt.tz_localize(None).astype(np.int64))
 
 

@@ -578,6 +578,15 @@ def test_times_of_day_over_the_end_of_summer_time_are_refused_once_by_the_name_o
     assert str(refusal.value).count("earlier than the row before") == 1
 
 
+def test_a_clock_that_keeps_winter_time_is_none_of_a_zone_with_summer_time(drive: Drive, tmp_path: Path) -> None:
+    stamps = (pd.Timestamp("2026-03-29 01:59:50") + pd.to_timedelta(drive.t, unit="s")).strftime("%Y-%m-%d %H:%M:%S.%f")
+    source = _text(tmp_path / "log.csv", [HEAD], _cells(drive, stamps.tolist(), rate=DEG, force=G, wheel=1 / 3.6))
+    with pytest.raises(BadInputError, match=r"1000 times such as 2026-03-29 02:00:00 lie in the hour that Eu"):
+        _answered(source, tmp_path / "summer", time_zone="Europe/Zurich")
+    recording, _ = _answered(source, tmp_path / "winter", time_zone="Etc/GMT-1")
+    assert recording.description.start == datetime(2026, 3, 29, 0, 59, 50, tzinfo=UTC)
+
+
 def test_of_two_sensors_one_is_chosen_with_its_own_accelerometer(drive: Drive, tmp_path: Path) -> None:
     one, two = ([f"imu{n}_{name}" for name in ("gx", "gy", "gz", "ax", "ay", "az")] for n in (1, 2))
     columns = {"t_s": drive.t}
