@@ -164,10 +164,10 @@ def _noise(noise: NoiseDensity | None, limits: CheckLimits) -> list[Finding]:
     ):
         key = f"imu.noise.{name}"
         if ratio > limits.noise_ratio_warning:
-            message = f"the noise at rest is {value:.3g}, {ratio:.1f} times what is declared"
+            message = f"the noise at rest is {value:.3g}, {ratio:.1f} times what is declared or assumed"
             found.append(_warning("noise-low", message, key, hint=f"set {name} = {value:.2g} or more"))
         elif ratio < 1.0 / limits.noise_ratio_warning:
-            message = f"the noise at rest is {value:.3g}, {ratio:.2g} of what is declared"
+            message = f"the noise at rest is {value:.3g}, {ratio:.2g} of what is declared or assumed"
             hint = f"set {name} = {value:.2g}, unless it stands for vibration in motion: sigmas are wider by it"
             found.append(Finding("info", "noise-high", message, file=_TOML, column=key, hint=hint))
     return found

@@ -119,7 +119,7 @@ def _rest(bias: Mapping[str, Any] | None, noise: Mapping[str, Any] | None) -> di
     if noise:
         for name, sensor, unit in (("gyro", "gyro", "rad/s/√Hz"), ("accelerometer", "accel", "m/s^2/√Hz")):
             density, ratio = noise[f"{sensor}_white"], noise[f"{sensor}_ratio"]
-            rows[f"white noise of the {name}"] = f"{density:.3g} {unit}, {ratio:.2f} times the declared one"
+            rows[f"white noise of the {name}"] = f"{density:.3g} {unit}, {ratio:.2f} times the declared or assumed one"
     return rows
 
 

@@ -128,7 +128,7 @@ def _calibration() -> Iterator[_Scalar]:
         text = f"the gyro's {axis} axis feels {{}} rad/s per m/s^2 along {other}"
         yield _Scalar(next(column), text, hint.format("g_sensitivity_sd"))
     column, text = count(EARTH.start), "the Earth turns about the axis {} by {{}} deg/h"
-    for axis in ("of the heading at the start", "to the left of that"):
+    for axis in ("of the heading at the start", "to the left of the heading at the start"):
         said = text.format(axis)
         yield _Scalar(next(column), said, _EARTH_HINT, 1.0 / DEG_PER_H, least_sd=0.0, limit=_EARTH_SIGMAS)
 

@@ -283,7 +283,7 @@ def test_declared_noise_and_bias_are_compared_with_the_rests(make_draft: MakeDra
     found = lines(draft, tmp_path / "rec")
     assert set(found) == {"noise-low", "noise-high", "gyro-bias", "accel-bias"}
     assert "key imu.noise.gyro_white" in found["noise-low"]
-    ratio = float(found["noise-low"].split(", ")[2].split(" times what is declared")[0])
+    ratio = float(found["noise-low"].split(", ")[2].split(" times what is declared or assumed")[0])
     assert ratio == pytest.approx(6.0, rel=0.1)
     assert "key imu.noise.accel_white" in found["noise-high"]
     assert "Hint: set accel_white = " in found["noise-high"]
