@@ -49,7 +49,8 @@ def source_formats() -> dict[str, SourceFormat]:
 def source_format(path: Path, name: str | None = None) -> SourceFormat:
     """Return the format of that name, or the one that recognises the source.
 
-    Raises :class:`BadInputError` where there is none of that name, no such file or a pipe, or nothing recognises it.
+    Raises :class:`BadInputError` where there is none of that name, no such file or a pipe, where the source is a
+    recording of trackfg, and where nothing recognises it.
     """
     known = source_formats()
     named = None if name is None else by_name(known, name)
@@ -59,12 +60,18 @@ def source_format(path: Path, name: str | None = None) -> SourceFormat:
         raise BadInputError(f"{path}: is a pipe or a device; expected a file or a folder")
     if named is not None:
         return named
+    kind = kind_of(path)
+    if kind == "recording":
+        raise BadInputError(
+            f"{path}: is a trackfg recording; expected one of another system. Hint: trackfg check and smooth take it "
+            "as it is; --from text imports its tables anew, without what recording.toml says of them"
+        )
     found = next((form for form in known.values() if form.recognises(path)), None)
     if (found is None or path.suffix.casefold() in TEXT_SUFFIXES) and (unread := unread_format(path)) is not None:
         raise BadInputError(unread)
     if found is not None:
         return found
-    if kind := kind_of(path):
+    if kind is not None:
         raise BadInputError(f"{path}: is a trackfg {kind}; expected a source of one of {', '.join(known)}")
     hint = "Hint: trackfg import and init take its name with --from"
     raise BadInputError(f"{path}: of no known format; expected one of {', '.join(known)}. {hint}")

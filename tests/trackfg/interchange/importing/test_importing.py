@@ -108,6 +108,14 @@ def test_what_has_no_default_is_not_said_to_be_assumed(tmp_path):
     assert "(tach.pulses_per_rev)" not in done.stderr
 
 
+def test_a_recording_is_not_imported_as_if_its_truth_were_measured(tmp_path):
+    simulate("mainline", duration_s=20.0).write(tmp_path / "run")
+
+    with pytest.raises(BadInputError, match=r"is a trackfg recording; .* Hint: trackfg check and smooth take it"):
+        source_format(tmp_path / "run")
+    assert source_format(tmp_path / "run", "text").key == "text"
+
+
 def test_init_says_what_it_recognised_and_takes_the_place_where_the_run_begins(tmp_path):
     recording = simulate("trolley", seed=1, duration_s=80.0).recording
     imu = recording.imu.iloc[::4]
