@@ -261,17 +261,18 @@ def _report_geometry(result: Result, out: Path) -> None:
     from trackfg.cli import tables
 
     result.write(out)
-    tell(tables.findings(result.summary.findings))
+    tell(tables.findings(result.summary.findings, "No fault in the table itself."))
     chainage = result.geometry["chainage_m"]
     tell(f"geometry: {len(chainage)} rows from {chainage.iloc[0]:.2f} m to {chainage.iloc[-1]:.2f} m")
     tell(f"result: {out}")
 
 
 def _report(made: Imported) -> None:
-    """Print what was made and what is doubtful in it. Exit status 2 where something is wrong."""
+    """Print what was made and what is doubtful in its tables by themselves. Exit status 2 where something is wrong."""
     from trackfg.cli import tables
 
-    tell(tables.findings(made.loaded.findings))
+    none = "No fault in the tables themselves: trackfg check says whether they agree."
+    tell(tables.findings(made.loaded.findings, none))
     for name, rows in made.rows.items():
         tell(f"{name}: {rows} rows")
     tell(f"recording: {made.folder}")

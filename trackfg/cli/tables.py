@@ -40,10 +40,10 @@ def estimators(known: Mapping[str, Estimator]) -> RenderableType:
     return table
 
 
-def findings(found: Sequence[Finding]) -> RenderableType:
-    """Return the findings, worst first, each with its place and hint; a line where there is none."""
+def findings(found: Sequence[Finding], none: str = "Nothing to report: the recording is sound.") -> RenderableType:
+    """Return the findings, worst first, each with its place and hint; the line ``none`` where there is none."""
     if not found:
-        return Text("Nothing to report: the recording is sound.")
+        return Text(none)
     table = titled("Findings", *columns("", "where", "what", "hint", overflow="fold"), show_lines=True)
     for finding in sorted(found, key=lambda one: list(_COLOUR).index(one.level)):
         expected = f"; expected {finding.expected}" if finding.expected else ""

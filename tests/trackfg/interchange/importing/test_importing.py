@@ -63,6 +63,7 @@ def test_a_vendor_s_log_needs_one_command_and_no_script(tmp_path):
     assert done.returncode == 0, done.stderr
     assert "nowhere is not understood; expected a zone such as Europe/Zurich" in " ".join(done.stdout.split())
     assert "time_zone" not in done.stderr  # it was answered
+    assert "trackfg check says whether they agree" in done.stdout
     recording = read_recording(out)
     imu = ["wx_radps", "wy_radps", "wz_radps", "fx_mps2", "fy_mps2", "fz_mps2"]
     np.testing.assert_allclose(recording.imu[imu], original.imu[imu], atol=2e-6)
