@@ -26,9 +26,9 @@ def lock_file(descriptor: int, *, wait: bool) -> None:
 def locked_file(path: Path, *, wait: bool) -> int | None:
     """Open a file, which is made where there is none, lock it and return its descriptor, which holds the lock.
 
-    The result is None where another has locked it and we do not ``wait``, or has removed it meanwhile. A file system
-    without locks excludes nobody: who waits has the file at once, who does not never has it. Raises ``OSError`` where
-    the file cannot be made or is a link.
+    The result is None where another process has locked it and we do not ``wait``, or has removed it meanwhile. On a
+    file system without locks no process is excluded: with ``wait`` the descriptor is returned at once, without it None.
+    Raises ``OSError`` where the file cannot be made or is a link.
     """
     descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW, 0o600)
     try:

@@ -60,7 +60,7 @@ class Changes(Outlined):
     ``observations`` (the fewest), and for every quantity the least change that would have been found everywhere there.
 
     ``other_track``: whether the run differs from the map by as much as the map's own irregularities, so that it is of
-    another track with the same curves, or of one that was worked on all along; its differences count as noise.
+    another track with the same curves, or followed maintenance of the whole length; its differences count as noise.
     """
 
     table: pd.DataFrame

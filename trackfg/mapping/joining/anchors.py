@@ -160,7 +160,7 @@ def agreeing_sightings(
 
 
 def offset_of_run(seen: Sightings, errors: PlaceCovariance, chainage: Array, covariance: Array) -> tuple[float, float]:
-    """Return by how much a run's chainage is ahead of the map's all along, and its sigma, m.
+    """Return the constant offset of a run's chainage from the map's, and its sigma, m.
 
     Both count from the same place, as :func:`agreeing_sightings` has them: what all sightings have in common is what
     no sighting by itself shows.
