@@ -43,6 +43,10 @@ class PreintegrationNoise:
         """Return the noise of sensors whose axes are all alike."""
         return cls(np.full(3, gyro), np.full(3, accel), position)
 
+    def scaled(self, gyro: Array | float, accel: Array | float) -> PreintegrationNoise:
+        """Return the noise with so many times the densities of gyro and accelerometer, per axis or of all."""
+        return PreintegrationNoise(self.gyro * gyro, self.accel * accel, self.position)
+
     def parameters(self, gravity: float, frame_rate: Array) -> gtsam.PreintegrationParams:
         """Return GTSAM's parameters for a z-up frame n with this gravity (m/s^2).
 

@@ -618,8 +618,8 @@ _SENSORS = (
             ),
             _one(
                 "the gyro's walk says nothing of the accelerometer's",
-                '_WALKS["accel_walk"], walk, grade)',
-                '_WALKS["accel_walk"], walk)',
+                'WALKS["accel_walk"], walk, grade)',
+                'WALKS["accel_walk"], walk)',
             ),
         ),
     ),

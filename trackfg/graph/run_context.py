@@ -40,6 +40,11 @@ class RunContext(Outlined):
     """+1 where chainage grows as the vehicle moves forwards, -1 where it falls."""
     conventions: GeometryConventions
 
+    @property
+    def bridged(self) -> np.ndarray:
+        """Return whether the inertial record was bridged from each keyframe to the next, (n - 1,)."""
+        return np.asarray(self.inertial.bridged[self.edges[:-1]])
+
 
 def geometry_conventions(config: GeometryConfig, track: Track) -> GeometryConventions:
     """Return what the geometry's columns mean under these settings on this track."""

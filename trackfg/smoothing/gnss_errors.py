@@ -102,7 +102,7 @@ _SIGNIFICANT = 2.0
 _FITTED_LAGS = 3
 """Significant autocorrelations to which an exponential is fitted, at least: it has two parameters."""
 
-_SETTLED = 0.15
+SETTLED = 0.15
 """Relative change of the sigmas, rms, below which the run is not solved again."""
 
 _GROWN = 2.0
@@ -147,7 +147,9 @@ def gnss_errors(run: SolvedRun) -> Reassessment:
     family, declared = problem.family(FactorType.GNSS_POSITION), run.declared.family(FactorType.GNSS_POSITION)
     if family is None or declared is None or family.loss is None or len(family) < FEWEST:
         return Reassessment(problem)
-    if np.array_equal(family.sigma, declared.sigma) and others_are_worse(run, run.noise_ratios.get("gnss", 1.0)):
+    if np.array_equal(family.sigma, declared.sigma) and others_are_worse(
+        run.noise_ratios, run.noise_ratios.get("gnss", 1.0)
+    ):
         return Reassessment(problem)
     states = run.solution.states
     t = problem.t[family.slots[0].index] + family.data["delay"][:, 0]
@@ -160,7 +162,7 @@ def gnss_errors(run: SolvedRun) -> Reassessment:
     seen = errors_seen(t, in_sigmas, variance, weighted=problem.gnss_level is not None, used=used)
     least = 1.0 if run.config.position.gnss_correlation_s else 0.0
     sigma = declared.sigma * np.maximum(seen.factor, least)
-    changed = bool(np.sqrt(np.mean(np.log(sigma / family.sigma) ** 2)) > _SETTLED)
+    changed = bool(np.sqrt(np.mean(np.log(sigma / family.sigma) ** 2)) > SETTLED)
     if changed:
         width = run.config.position.gnss_width / float(np.sqrt(np.median(seen.correlation)))
         again = replace(family, sigma=sigma, loss=Huber(width))

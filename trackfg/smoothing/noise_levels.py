@@ -30,7 +30,6 @@ from scipy.special import ndtr
 
 from trackfg.factors.factor_type import FactorType
 from trackfg.factors.family import Family, changed
-from trackfg.factors.imu import PreintegrationNoise
 from trackfg.graph.build import Problem
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.chi_square import exceeds_chance
@@ -55,23 +54,25 @@ _NONE = 1e-3
 _NEARBY = 15
 """Intervals that share a level, some 15 s in motion: a stretch of track, a braking."""
 
-_RAISED = 1.1
+RAISED = 1.1
 """A level that would change by less stays: sigmas would hardly change."""
+
+_NO_SUMS = np.zeros(2)
 
 _ALIKE = 1e-9
 """Relative spread of a family's levels up to which they are one, but for rounding."""
 
-_FAR_OFF = 2.0
+FAR_OFF = 2.0
 """Ratio of seen to assumed or declared noise from which on it is a finding: sigmas were wrong by as much."""
 
-_FAMILIES = {
+FAMILIES = {
     FactorType.NON_HOLONOMIC: "motion",
     FactorType.PATH: "path",
     FactorType.TACH_DISTANCE: "tach",
 }
 """Families with one level for the run, and the name of their group."""
 
-_WALKS = {"accel_walk": slice(0, 3), "gyro_walk": slice(3, 6)}
+WALKS = {"accel_walk": slice(0, 3), "gyro_walk": slice(3, 6)}
 """Columns of the bias walk that have a level each."""
 
 _NAMES = {
@@ -91,16 +92,17 @@ def noise_levels(run: SolvedRun) -> Reassessment:
     problem = run.problem
     if not run.config.noise.adapt or run.is_changing:
         return Reassessment(problem, _findings(run))
-    residuals = group_residuals(problem, run.solution, run.covariance)
-    walk = walk_residuals(problem, run.solution, run.covariance)
+    states = run.solution.states
+    residuals = group_residuals(problem, states, run.covariance, problem.run.bridged)
+    walk = walk_residuals(problem, states, run.covariance)
     adapted = _with_inertial_levels(run, residuals)
-    for kind, name in _FAMILIES.items():
+    for kind, name in FAMILIES.items():
         if name in residuals:
             adapted = _with_level(run, adapted, kind, slice(None), residuals[name])
     if walk is not None:
-        adapted = _with_level(run, adapted, FactorType.BIAS_WALK, _WALKS["gyro_walk"], walk)
+        adapted = _with_level(run, adapted, FactorType.BIAS_WALK, WALKS["gyro_walk"], walk)
         grade = levels(run.declared, adapted).get("gyro_walk", 1.0)
-        adapted = _with_level(run, adapted, FactorType.BIAS_WALK, _WALKS["accel_walk"], walk, grade)
+        adapted = _with_level(run, adapted, FactorType.BIAS_WALK, WALKS["accel_walk"], walk, grade)
     return Reassessment(adapted, _findings(replace(run, problem=adapted)), changed=adapted is not problem)
 
 
@@ -115,22 +117,22 @@ def levels(declared: Problem, problem: Problem) -> dict[str, float]:
         if family.type in GROUPS:
             found[GROUPS[family.type]] = family.sigma / before.sigma
         elif family.type is FactorType.BIAS_WALK:
-            found |= {name: family.sigma[:, part] / before.sigma[:, part] for name, part in _WALKS.items()}
+            found |= {name: family.sigma[:, part] / before.sigma[:, part] for name, part in WALKS.items()}
     return {name: float(np.sqrt(np.mean(factor**2))) for name, factor in found.items()}
 
 
-def _levels(squares: Array | float, redundancy: Array | float, tests: float = 1.0) -> Array:
+def levels_seen(squares: Array | float, redundancy: Array | float, tests: float = 1.0) -> Array:
     """Return f of residuals in declared sigmas; 1 where that is not significantly more.
 
     Of so many independent ``tests`` the largest exceeds the limit as rarely as a single one (Bonferroni).
     """
     degrees = np.maximum(redundancy, _NONE)
     variance = (_AGREEING + squares) / (_AGREEING + degrees)
-    significant = exceeds_chance(squares / degrees, degrees, _BY_CHANCE / tests) & (variance > _RAISED**2)
+    significant = exceeds_chance(squares / degrees, degrees, _BY_CHANCE / tests) & (variance > RAISED**2)
     return np.asarray(np.where(significant, np.sqrt(variance), 1.0))
 
 
-def _level_like(other: float, squares: float, redundancy: float) -> float:
+def level_like(other: float, squares: float, redundancy: float) -> float:
     """Return f of residuals in declared sigmas, of which ``other`` > 1 of the same sensor is; at least 1."""
     return max(1.0, math.sqrt((_ALIKE_IN_KIND * other**2 + squares) / (_ALIKE_IN_KIND + redundancy)))
 
@@ -143,31 +145,31 @@ def _with_inertial_levels(run: SolvedRun, residuals: dict[str, Residuals]) -> Pr
     for columns, name in ((slice(0, 3), "gyro"), (slice(3, 6), "accel")):
         if name in residuals:
             group = residuals[name]
-            after[group.keyframe, columns] = _over_time(group, before[group.keyframe, columns.start])[:, None]
-    moved = (np.abs(np.log(after / before)) > np.log(_RAISED)).any(axis=1)
+            after[group.keyframe, columns] = levels_over_time(group, before[group.keyframe, columns.start])[0][:, None]
+    moved = (np.abs(np.log(after / before)) > np.log(RAISED)).any(axis=1)
     if not moved.any():
         return problem
     after[~moved] = before[~moved]
     noise = WhiteNoise.of_variance(declared.variance * after**2)
     measured = list(problem.measured)
     for k in np.flatnonzero(moved).tolist():
-        first, (gyro, accel) = run.declared.measured[k].noise, np.split(after[k], 2)
-        white = PreintegrationNoise(first.gyro * gyro, first.accel * accel, first.position)
-        measured[k] = replace(measured[k], noise=white)
+        noise_of_it = run.declared.measured[k].noise.scaled(*np.split(after[k], 2))
+        measured[k] = replace(measured[k], noise=noise_of_it)
     return replace(problem, run=replace(problem.run, noise=noise), measured=tuple(measured))
 
 
-def _over_time(group: Residuals, level: Array) -> Array:
-    """Return the level of each interval (m,): that of the intervals nearby, else that of the others in the run.
+def levels_over_time(group: Residuals, level: Array, earlier: Array = _NO_SUMS) -> tuple[Array, np.ndarray]:
+    """Return the level of each interval (m,): that of the intervals nearby, else that of the others in the run; and
+    whether it is the latter, (m,).
 
-    ``level`` (m,) is what it was assumed to be.
+    ``level`` (m,) is what it was assumed to be; ``earlier`` (2,): squares and redundancy of others in the run.
     """
     squares, redundancy = np.sum(group.values**2, axis=1) * level**2, np.sum(group.redundancy, axis=1)
     near, near_redundancy = (_NEARBY * uniform_filter1d(x, _NEARBY, mode="constant") for x in (squares, redundancy))
-    found = _levels(near, near_redundancy, tests=max(1.0, len(squares) / _NEARBY))
+    found = levels_seen(near, near_redundancy, tests=max(1.0, len(squares) / _NEARBY))
     usual = found == 1.0
-    found[usual] = _levels(float(np.sum(squares[usual])), float(np.sum(redundancy[usual])))
-    return found
+    found[usual] = levels_seen(earlier[0] + np.sum(squares[usual]), earlier[1] + np.sum(redundancy[usual]))
+    return found, usual
 
 
 def _with_level(
@@ -187,9 +189,9 @@ def _with_level(
     level = level if ours else 1.0
     squares, redundancy = (float(np.sum(part[:, columns])) for part in (group.values**2, group.redundancy))
     squares *= level**2
-    seen = float(_levels(squares, redundancy)) if other == 1.0 else _level_like(other, squares, redundancy)
+    seen = float(levels_seen(squares, redundancy)) if other == 1.0 else level_like(other, squares, redundancy)
     factor = seen / level
-    if abs(np.log(factor)) < np.log(_RAISED):
+    if abs(np.log(factor)) < np.log(RAISED):
         return problem
 
     def scaled(family: Family) -> Family:
@@ -206,12 +208,17 @@ def _findings(run: SolvedRun) -> tuple[Finding, ...]:
         Finding(
             level="info",
             code="noise-level-raised",
-            message=f"{_NAMES[name]}: residuals show {level:.1f} times what is declared, and sigmas are of that",
+            message=in_words(name, level),
             hint="declare the noise that is there, or look for what causes it",
         )
         for name, level in levels(run.declared, run.problem).items()
-        if name in _NAMES and level > _FAR_OFF
+        if name in _NAMES and level > FAR_OFF
     )
+
+
+def in_words(name: str, level: float) -> str:
+    """Return what is said of a group with a level above the declared one."""
+    return f"{_NAMES[name]}: residuals show {level:.1f} times what is declared, and sigmas are of that"
 
 
 def noise_findings(ratios: dict[str, float]) -> tuple[Finding, ...]:
@@ -224,5 +231,5 @@ def noise_findings(ratios: dict[str, float]) -> tuple[Finding, ...]:
             hint="declare the noise that is there, or look for what causes it",
         )
         for name, ratio in ratios.items()
-        if ratio > _FAR_OFF
+        if ratio > FAR_OFF
     )

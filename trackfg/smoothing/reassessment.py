@@ -9,7 +9,7 @@ so it takes few iterations.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from trackfg.config import SmoothConfig
@@ -56,12 +56,12 @@ class Reassessment:
     """Whether the new minimum may be far from the solution, so that convex losses have to lead there first."""
 
 
-def others_are_worse(run: SolvedRun, ratio: float) -> bool:
+def others_are_worse(noise_ratios: Mapping[str, float], ratio: float) -> bool:
     """Return whether the residuals of a group that is no position exceed its sigmas by more than ``ratio``.
 
-    It is not the positions then which are wrong first.
+    It is not the positions then which are wrong first. ``noise_ratios``: actual over assumed noise of each group.
     """
-    worst = max((seen for name, seen in run.noise_ratios.items() if name != "gnss"), default=1.0)
+    worst = max((seen for name, seen in noise_ratios.items() if name != "gnss"), default=1.0)
     return worst > max(_BLAMED, ratio)
 
 

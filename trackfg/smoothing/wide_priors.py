@@ -206,7 +206,9 @@ def _shows_mounting(run: SolvedRun, far: Array, farthest: Array) -> bool:
     Noise of which there is more than assumed looks like a direction of travel. And a mounting with which the line is
     steeper than any, or that is outside of every vehicle, is wrong itself.
     """
-    return not (others_are_worse(run, 1.0) or is_steeper_than_any_line(run) or (np.abs(far) > farthest).any())
+    return not (
+        others_are_worse(run.noise_ratios, 1.0) or is_steeper_than_any_line(run) or (np.abs(far) > farthest).any()
+    )
 
 
 def _widest_calibration(declared: Problem, prior: Family) -> Array:

@@ -78,7 +78,7 @@ def wrong_fixes(run: SolvedRun) -> Reassessment:
     one = left_out(fixes, states, run.covariance)
     predicted = one.covariance[:, 0, 0]
     level = fix_level(one.error[:, 0], fixes.sigma[:, 0] / before, predicted)
-    if abs(np.log(level / before)) < _SETTLED or others_are_worse(run, level):
+    if abs(np.log(level / before)) < _SETTLED or others_are_worse(run.noise_ratios, level):
         level = before
     rescaled = replace(fixes, sigma=fixes.sigma * (level / before))
     wrong = _wrong_alone(fixes.slots[0].index, one.in_sigmas(rescaled.sigma)[:, 0])

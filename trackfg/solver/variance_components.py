@@ -9,22 +9,23 @@ models" (1999), ch. 3.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from trackfg.factors.factor_type import FactorType
+from trackfg.factors.family import Family, family_of
 from trackfg.factors.states import KEYFRAME_DIM, Kind, States, offset_in_keyframe
 
 if TYPE_CHECKING:
-    from trackfg.factors.family import Family
     from trackfg.graph.build import Problem
     from trackfg.numerics.arrays import Array
     from trackfg.solver.covariance import Covariance
-    from trackfg.solver.gauss_newton import Solution
+    from trackfg.solver.gauss_newton import Graph, Solution
 
-_LEAST_REDUNDANCY = 20.0
+LEAST_REDUNDANCY = 20.0
 """Groups that the rest of the graph hardly checks say nothing about their own noise."""
 
 _AT_A_TIME = 128
@@ -55,36 +56,43 @@ class Residuals:
     def ratio(self) -> float:
         """Actual over assumed noise; NaN where the rest of the graph hardly checks it."""
         squares, redundancy = float(np.sum(self.values**2)), float(np.sum(self.redundancy))
-        return float(np.sqrt(squares / redundancy)) if redundancy > _LEAST_REDUNDANCY else np.nan
+        return float(np.sqrt(squares / redundancy)) if redundancy > LEAST_REDUNDANCY else np.nan
 
 
-def group_residuals(problem: Problem, solution: Solution, covariance: Covariance) -> dict[str, Residuals]:
-    """Return the residuals of each group that the graph has."""
-    groups = _inertial_residuals(problem, solution, covariance)
-    for family in problem.families:
+def group_residuals(graph: Graph, states: States, covariance: Covariance, bridged: np.ndarray) -> dict[str, Residuals]:
+    """Return the residuals of each group that the graph has.
+
+    ``bridged`` (n - 1,): which of its intervals the inertial sensors' noise is not of.
+    """
+    groups = _inertial_residuals(graph, states, covariance, np.flatnonzero(~bridged))
+    for family in graph.families:
         if family.type in GROUPS:
-            groups[GROUPS[family.type]] = _family_residuals(family, solution.states, covariance)
+            groups[GROUPS[family.type]] = _family_residuals(family, states, covariance)
     return groups
 
 
-def walk_residuals(problem: Problem, solution: Solution, covariance: Covariance) -> Residuals | None:
+def walk_residuals(graph: Graph, states: States, covariance: Covariance) -> Residuals | None:
     """Return the residuals of the walk of the biases, accelerometer first; None where the graph has none."""
-    walk = problem.family(FactorType.BIAS_WALK)
-    return None if walk is None else _family_residuals(walk, solution.states, covariance)
+    walk = family_of(graph.families, FactorType.BIAS_WALK)
+    return None if walk is None else _family_residuals(walk, states, covariance)
 
 
 def noise_ratios(problem: Problem, solution: Solution, covariance: Covariance) -> dict[str, float]:
     """Return actual over assumed noise of each group that can be judged."""
-    ratios = {name: group.ratio for name, group in group_residuals(problem, solution, covariance).items()}
+    return ratios_of(group_residuals(problem, solution.states, covariance, problem.run.bridged))
+
+
+def ratios_of(groups: Mapping[str, Residuals]) -> dict[str, float]:
+    """Return actual over assumed noise of the groups that can be judged."""
+    ratios = {name: group.ratio for name, group in groups.items()}
     return {name: ratio for name, ratio in ratios.items() if np.isfinite(ratio)}
 
 
-def _inertial_residuals(problem: Problem, solution: Solution, covariance: Covariance) -> dict[str, Residuals]:
-    """Return the residuals of gyro (rows 0-2 of inertial factors) and accelerometer, without bridged intervals."""
-    used = np.flatnonzero(~problem.run.inertial.bridged[problem.run.edges[:-1]])
+def _inertial_residuals(graph: Graph, states: States, covariance: Covariance, used: np.ndarray) -> dict[str, Residuals]:
+    """Return the residuals of gyro (rows 0-2 of inertial factors) and accelerometer of the intervals ``used``."""
     if used.size == 0:
         return {}
-    linear = problem.inertial.linearize(solution.states)
+    linear = graph.inertial.linearize(states)
     A, e = linear.jacobian[used], linear.b[used]
     nav, bias = _columns(Kind.NAV), _columns(Kind.BIAS)
     sides = _Side(A[:, :, np.r_[0:9, 18:24]], np.concatenate([nav, bias])), _Side(A[:, :, 9:18], nav)

@@ -197,12 +197,14 @@ class FixedLagSmoother:
         doubts += fix_doubts(self._moving.votes.tested, self._moving.votes.squares, until)
         if running is not None:
             doubts += self._vibration_test.events(until, running.context.conventions)
-            doubts += running.gnss.events(until)
+            doubts += (*running.noise.events(until), *running.gnss.events(until))
             doubts += clock_doubts(running.newest.states.clock[0], self.config, until)
         return last._replace(events=(*last.events, *doubts))
 
     def _tested(self, estimates: Estimates) -> Estimates:
-        self._sigma_test.put(estimates.filtered, estimates.smoothed)
+        running = self._moving.running
+        linear = running is not None and running.heading_known  # else sigmas are not those of the rows
+        self._sigma_test.put(estimates.filtered if linear else NO_TRAJECTORY, estimates.smoothed)
         self._roll_test.put(estimates.smoothed)
         return estimates
 
@@ -238,7 +240,8 @@ class FixedLagSmoother:
         if self._chainage is not None:
             covariance = self._chainage.with_uncertainty(covariance, two, buffer.description.track.direction)
         # Of the samples of this interval alone: those of the whole buffer depend on how rows came in.
-        run = self._running.context.run_of(window.t[-2:], buffer.intervals(*window.t[-2:].tolist()))
+        running, t = self._running, window.t[-2:]
+        run = running.context.run_of(t, buffer.intervals(*t.tolist()), running.noise.at(t[:-1]))
         at = np.array([window.t[-1]])
         rate = buffer.mean_rate(at[0]) - two.bias[-1:, 3:]
         over, interval, end = np.array([RATE_WINDOW_S]), np.zeros(1, dtype=np.int64), np.ones(1)
@@ -249,7 +252,7 @@ class FixedLagSmoother:
     def _work_due(self, *, at_end: bool = False) -> list[PassOutput]:
         """Do what is due besides filtered rows: a relinearisation pass, and the next piece of the tables."""
         if self._moving.running is not None:
-            self._moving.running.gnss.speed_doubted = self._sigma_test.doubts("speed_mps")
+            self._moving.running.speed_doubted = self._sigma_test.doubts("speed_mps")
         step = self._moving.relinearise_if_due(at_end=at_end)
         shift_m = self._moving.votes.pop_shift()
         if self._tables is not None:
@@ -299,7 +302,8 @@ class FixedLagSmoother:
 
     def _table_input(self, running: RunningWindow, window: Window, root: SquareRoot) -> TableInput:
         doubt_m = self._moving.votes.doubt_m
-        return TableInput(window, root, running.rests.spans, running.tach, self._chainage, doubt_m, running.gnss.usual)
+        rests, usual = running.rests.spans, running.gnss.usual
+        return TableInput(window, root, running.noise, rests, running.tach, self._chainage, doubt_m, usual)
 
     def _locate(self, locator: MapLocator, pieces: list[Tables], step: Relinearisation) -> tuple[Event, ...]:
         events: list[Event] = []

@@ -16,7 +16,7 @@ from trackfg.datasets.scenarios import Simulation
 from trackfg.factors.factor_type import FactorType
 from trackfg.factors.family import Family, changed
 from trackfg.recording.model import IMU_COLUMNS
-from trackfg.smoothing.noise_levels import _levels, _over_time, levels, noise_levels
+from trackfg.smoothing.noise_levels import levels, levels_over_time, levels_seen, noise_levels
 from trackfg.smoothing.reassessment import SolvedRun
 from trackfg.smoothing.smoother import SmoothedStates, smooth, smooth_states
 from trackfg.solver.variance_components import Residuals
@@ -107,16 +107,16 @@ def test_chance_raises_no_stretch_of_a_long_run() -> None:
     for seed in range(10):
         values = np.random.default_rng(seed).standard_normal((16_000, 3))
         usual = Residuals(np.arange(16_000), values, np.ones_like(values))
-        raised += np.count_nonzero(_over_time(usual, np.ones(16_000)) > 1.0)
+        raised += np.count_nonzero(levels_over_time(usual, np.ones(16_000))[0] > 1.0)
     assert raised < 30  # intervals: two stretches of 15 in 160 000
     values[8000:8015] *= 3.0
     shaken = Residuals(np.arange(16_000), values, np.ones_like(values))
-    assert (_over_time(shaken, np.ones(16_000))[8005:8010] > 1.5).all()
+    assert (levels_over_time(shaken, np.ones(16_000))[0][8005:8010] > 1.5).all()
 
 
 @pytest.mark.parametrize("redundancy", [3.0, 10.0, 30.0])
 def test_stretches_that_little_checks_are_raised_by_chance_as_rarely_as_others(redundancy: float) -> None:
     """Sums of few squares are far more often far off than normal values of their variance; a day has 6000 stretches."""
     limit = chdtri(redundancy, ndtr(-3.0) / 6000.0)
-    assert _levels(0.99 * limit, redundancy, tests=6000.0) == 1.0
-    assert _levels(1.01 * limit, redundancy, tests=6000.0) > 1.0
+    assert levels_seen(0.99 * limit, redundancy, tests=6000.0) == 1.0
+    assert levels_seen(1.01 * limit, redundancy, tests=6000.0) > 1.0

@@ -78,7 +78,7 @@ def test_a_ratio_is_of_the_squares_to_the_redundancy() -> None:
     marginal = np.zeros((n, size, size))
     marginal[:, [at, at + 1, at + 2], [at, at + 1, at + 2]] = 0.5 * sigma**2
     covariance = Covariance.of_marginals(marginal, np.zeros((n - 1, size, size)))
-    bridged = SimpleNamespace(bridged=np.ones(n - 1, dtype=bool))
-    problem: Any = SimpleNamespace(run=SimpleNamespace(inertial=bridged, edges=np.arange(n)), families=(gnss,))
+    bridged = np.ones(n - 1, dtype=bool)
+    problem: Any = SimpleNamespace(run=SimpleNamespace(bridged=bridged), families=(gnss,))
     solution: Any = SimpleNamespace(states=states)
     assert noise_ratios(problem, solution, covariance) == pytest.approx({"gnss": np.sqrt(0.36 / 0.5)})

@@ -31,6 +31,7 @@ from trackfg.solver.covariance import Covariance, posterior_covariance
 from trackfg.solver.square_root import SquareRoot
 from trackfg.streaming.tables.settled_events import EventInput, SettledEvents
 from trackfg.streaming.window.marginalised import MarginalisedHistory
+from trackfg.streaming.window.noise_record import NoiseRecord
 from trackfg.streaming.window.sample_buffer import SampleBuffer
 from trackfg.streaming.window.stream_context import StreamContext
 from trackfg.streaming.window.tach_buffer import TachBuffer
@@ -43,13 +44,15 @@ _JUMP_M = 5.0
 
 
 class TableInput(NamedTuple):
-    """What tables are made from besides the history: the window, the square root of its information, the rests of late
+    """What tables are made from besides the history: the window, the square root of its information, the noise of late,
+    the rests
     (r, 2), s, the tach, the chainage of a map on which the run is located, the sigma that contradicting fixes add to
     the distance, m, and what the sigmas of GNSS positions usually are in declared ones (3,).
     """
 
     window: Window
     root: SquareRoot
+    noise: NoiseRecord
     rests: Array
     tach: TachBuffer | None
     chainage: MapChainage | None = None
@@ -162,7 +165,7 @@ class SmoothedTables:
 
     def _smoothed_run(self, buffer: SampleBuffer, inputs: TableInput) -> _SmoothedRun:
         t, states, root = self.history.joined_with(inputs.window, inputs.root)
-        run = self.context.run_of(t, buffer.inertial)
+        run = self.context.run_of(t, buffer.inertial, inputs.noise.at(t[:-1]))
         covariance = posterior_covariance(root).with_added_distance_variance(inputs.doubt_m**2)
         if inputs.chainage is not None:
             covariance = inputs.chainage.with_uncertainty(covariance, states, run.direction)

@@ -6,8 +6,10 @@ at each relinearisation pass the batch's own judgement of level and correlation 
 says by what factor the declared sigmas are too small: of the positions in the window each its own, of those to come
 that of the newest one. A stream only widens them: what it has marginalised it cannot doubt any more.
 
-GNSS is not judged while the speed's sigmas are doubted (:mod:`trackfg.streaming.sigma_test`): wheel and inertial sensor
-then err by more than is assumed of them, and residuals of positions are theirs.
+Residuals of positions are those of wheel and inertial sensor where these err by more than is assumed of them. So GNSS
+is not judged while another group of residuals is further beyond its sigmas
+(:mod:`trackfg.streaming.window.noise_record`), nor while those of the speed are doubted
+(:mod:`trackfg.streaming.sigma_test`), and what was learnt is forgotten.
 
 If the stream is what errs, its residuals grow as positions lose their weight, and they would lose more. So where they
 have had little for longer than a receiver's errors last, and residuals are beyond the level that was seen when that
@@ -26,7 +28,7 @@ from trackfg.factors.family import Family, changed, family_of
 from trackfg.factors.loss import Huber
 from trackfg.numerics.arrays import Array
 from trackfg.results.events import DOUBT, Event
-from trackfg.smoothing.gnss_errors import FEWEST, LONGEST_S, errors_seen, have_grown
+from trackfg.smoothing.gnss_errors import FEWEST, LONGEST_S, SETTLED, errors_seen, have_grown
 from trackfg.solver.covariance import Covariance
 from trackfg.solver.leave_one_out import predicted
 from trackfg.streaming.window.window import Window
@@ -58,7 +60,7 @@ class GnssRecord:
     ``given`` (m, 3) what they were when the position came. ``level`` (m, 3) is that of the errors then, and
     ``newest_level`` (3,) that of the next. ``regained`` (k, 2): from when to when positions had too little weight, s.
     ``lasting``: the root of the number of positions that share an error; whether one is an outlier is judged without
-    it, so the loss is as much narrower. ``speed_doubted``: whether those of the speed are too small beyond chance.
+    it, so the loss is as much narrower. All of it is learnt from positions after ``since_s``.
     """
 
     t: Array = field(default_factory=lambda: np.zeros(0))
@@ -72,7 +74,7 @@ class GnssRecord:
     newest_level: Array = field(default_factory=lambda: np.ones(3))
     regained: Array = field(default_factory=lambda: np.zeros((0, 2)))
     lasting: float = 1.0
-    speed_doubted: bool = False
+    since_s: float = -np.inf
 
     def put(self, window: Window, covariance: Covariance) -> None:
         """Remember the positions at the last two keyframes of a window, of which ``covariance`` is."""
@@ -100,19 +102,27 @@ class GnssRecord:
     @property
     def usual(self) -> Array:
         """What the sigmas of positions usually are, in declared ones, (3,)."""
-        return np.median(self.factor, axis=0) if len(self.factor) else np.ones(3)
+        judged = self.factor[self.t > self.since_s]
+        return np.median(judged, axis=0) if len(judged) else np.ones(3)
 
-    def judge(self) -> None:
-        """Compute the factors anew."""
-        if self.speed_doubted:
-            self.factor, self.lasting, self.newest_level = np.ones_like(self.factor), 1.0, np.ones(3)
-            return
-        if self._err_less_than_the_rest():
+    def judge(self, *, heading_known: bool) -> bool:
+        """Compute the factors anew, and return whether they have changed.
+
+        Only a vehicle that has shown its heading, in motion, tells of itself as well.
+        """
+        before = self.factor.copy()
+        if heading_known and self._err_less_than_the_rest():
             self._regain()
-        if len(self.t) >= FEWEST:
-            seen = errors_seen(self.t, self.residual, self.variance, weighted=bool(np.any(self.factor > 1.0)))
-            self.factor, self.lasting = np.maximum(seen.factor, 1.0), float(np.sqrt(np.median(seen.correlation)))
-            self.newest_level = np.maximum(seen.level[-1], 1.0)
+        judged = self.t > self.since_s
+        if np.count_nonzero(judged) >= FEWEST:
+            weighted = bool(np.any(self.factor[judged] > 1.0))
+            seen = errors_seen(self.t[judged], self.residual[judged], self.variance[judged], weighted=weighted)
+            self.factor[judged] = np.maximum(seen.factor, 1.0)
+            self.lasting, self.newest_level = (
+                float(np.sqrt(np.median(seen.correlation))),
+                np.maximum(seen.level[-1], 1.0),
+            )
+        return len(before) > 0 and bool(np.sqrt(np.mean(np.log(self.factor / before) ** 2)) > SETTLED)
 
     @property
     def rest_erred(self) -> bool:
@@ -121,18 +131,24 @@ class GnssRecord:
 
     def _err_less_than_the_rest(self) -> bool:
         """Return whether positions had little weight for longer than their errors last, and residuals have grown."""
-        if not self.t.size or self.t[-1] - self.t[0] < LONGEST_S:
+        if not self.t.size or self.t[-1] - max(self.t[0], self.since_s) < LONGEST_S:
             return False
         longest, lately = np.searchsorted(self.t, self.t[-1] - np.array([LONGEST_S, _LATELY_S]))
         little = bool(np.all(self.given[longest:, 0] > _LITTLE))
         return little and have_grown(self.residual[lately:], self.level[longest])
 
     def _regain(self) -> None:
-        """Give positions to come their declared weight again, and forget what was learnt of those that were."""
+        """Forget, and remember that positions had too little weight."""
         enough = np.flatnonzero(self.given[:, 0] <= _LITTLE)
-        since = self.t[enough[-1] + 1] if enough.size else self.t[0]
-        span = np.array([[since, self.t[-1]]])
-        vars(self).update(vars(GnssRecord(regained=np.concatenate([self.regained, span]))))
+        since = max(float(self.t[enough[-1] + 1] if enough.size else self.t[0]), self.since_s)
+        self.regained = np.concatenate([self.regained, [[since, self.t[-1]]]])
+        self.forget()
+
+    def forget(self) -> None:
+        """Give positions to come their declared weight, and learn from them only; those that were keep theirs."""
+        if self.t.size:
+            self.since_s = float(self.t[-1])
+        self.expected, self.newest_level, self.lasting = np.ones(3), np.ones(3), 1.0
 
     def events(self, until_s: float) -> tuple[Event, ...]:
         """Return an event for each span in which positions had too little weight, and one if most of the newest are
@@ -156,9 +172,7 @@ class GnssRecord:
             return window
 
         def weighed(family: Family) -> Family:
-            t = _times(family, window.t)
-            row = np.clip(np.searchsorted(self.t, t - _SAME_S), 0, len(self.t) - 1)
-            known = np.abs(self.t[row] - t) <= _SAME_S
+            row, known = self._rows(_times(family, window.t))
             return self._weighed(
                 family, np.where(known[:, None], self.declared[row] * self.factor[row], family.sigma), width
             )
@@ -167,13 +181,18 @@ class GnssRecord:
 
     def weigh_next(self, families: Sequence[Family], width: float) -> tuple[Family, ...]:
         """Return the families of the next interval with the sigmas of its positions multiplied by the newest factor."""
-        if len(self.factor):
+        if self.t.size and self.t[-1] > self.since_s:
             self.expected = self.factor[-1].copy()
 
         def weighed(family: Family) -> Family:
             return self._weighed(family, family.sigma * self.expected, width)
 
         return changed(families, FactorType.GNSS_POSITION, weighed)
+
+    def _rows(self, t: Array) -> tuple[np.ndarray, np.ndarray]:
+        """Return the row of each of the positions at ``t`` (m,), s, and whether it has one, (m,)."""
+        row = np.clip(np.searchsorted(self.t, t - _SAME_S), 0, len(self.t) - 1)
+        return row, np.abs(self.t[row] - t) <= _SAME_S
 
     def _weighed(self, family: Family, sigma: Array, width: float) -> Family:
         return family if family.loss is None else replace(family, sigma=sigma, loss=Huber(width / self.lasting))

@@ -33,11 +33,13 @@ from trackfg.results.events import Event
 from trackfg.solver.covariance import Covariance, posterior_covariance
 from trackfg.solver.gauss_newton import solve
 from trackfg.solver.square_root import SquareRoot
+from trackfg.solver.variance_components import Residuals, group_residuals, ratios_of
 from trackfg.streaming.checkpoint.snapshot import DERIVED
 from trackfg.streaming.window.filter_step import FilterResult, PredictedPair
 from trackfg.streaming.window.fix_voting import FixVotes, shift_interval, shift_window
 from trackfg.streaming.window.gnss_record import GnssRecord
 from trackfg.streaming.window.next_interval import predict_interval, with_other_rows
+from trackfg.streaming.window.noise_record import NoiseRecord
 from trackfg.streaming.window.rests import LOOK_S, Rests
 from trackfg.streaming.window.sample_buffer import AFTER_S, SampleBuffer
 from trackfg.streaming.window.starting_window import FirstProblem, late_tach
@@ -76,6 +78,8 @@ _DAMPED_BEFORE = 0.5
 """Share of such work that counts in the next window, where the heading stayed unknown. The 25,000 that are left for
 that one are still enough for the simulated lines.
 """
+_EDGE_S = 1e-9
+"""Keyframes are on edges of the inertial record, but for rounding, s."""
 _ROLLING = 0.9
 """Minimum probability that the wheel rolls; below it the recent keyframes are solved again."""
 
@@ -119,8 +123,9 @@ class RunningWindow:
     ``heading_known`` stays once it is; ``damped``: the batch solver has taken over before it was, which is one event;
     ``damped_work``: the steps it tried until then, times the keyframes of each, with a share of those of lost windows.
     ``walks``: whether the wheel's scale walks by the accelerometer's evidence. ``gnss``: what its positions have shown
-    of their errors. ``undelivered_pass``: the result of a pass that :meth:`add_keyframe` had to take, or of the first
-    window.
+    of their errors, ``noise``: what residuals have shown of all else. ``speed_doubted``: whether the sigmas of the
+    speed are too small beyond chance so far. ``undelivered_pass``: the result of a pass that :meth:`add_keyframe` had
+    to take, or of the first window.
     """
 
     buffer: SampleBuffer
@@ -144,6 +149,8 @@ class RunningWindow:
     speed_sd: float = 0.0
     walks: bool = False
     gnss: GnssRecord = field(default_factory=GnssRecord)
+    noise: NoiseRecord = field(default_factory=NoiseRecord)
+    speed_doubted: bool = False
     undelivered_pass: Relinearisation | None = None
 
     @classmethod
@@ -215,6 +222,7 @@ class RunningWindow:
             speed = float(nav.v[0] @ nav.R[0, :, 0])
             wheel = self.tach.wheel_until(t + AFTER_S, buffer.tach, last, speed, buffer.uncounted)
         interval = with_other_rows(pair.prediction, self.buffer.other_rows_between(last, t), wheel, self.speed_sd)
+        interval = interval._replace(families=self.noise.weigh_wheel(interval.families))
         gnss_width = self.context.config.position.gnss_width
         interval = interval._replace(families=self.gnss.weigh_next(interval.families, gnss_width))
         if not self.on_map:
@@ -266,8 +274,17 @@ class RunningWindow:
             walks = self.walks or self.gnss.rest_erred
             walk = max(self.votes.walk_per_sqrt_m, WALK_PER_SQRT_M if walks else 0.0)
             prediction = prediction.with_walking_scale(walk)
-            self.predicted = PredictedPair.of(self.newest, prediction, self.context.description.imu.noise)
+            bridged = bool(data.bridged[edges[0]])
+            weighed = self.noise.weigh_next(prediction.interval, bridged=bridged)
+            self.predicted = PredictedPair.of(
+                self.newest, prediction._replace(interval=weighed), self.context.description.imu.noise
+            )
         return self.predicted
+
+    def _bridged(self, t: Array) -> np.ndarray:
+        """Return whether the inertial record was bridged from each of the keyframes at ``t`` (n,), s, to the next."""
+        data = self.buffer.inertial
+        return np.asarray(data.bridged[np.searchsorted(data.edges, t[:-1] - _EDGE_S)])
 
     def _filter_step(self, pair: PredictedPair, interval: Interval) -> FilterResult | None:
         """Return the filter step's result; None where it is not to be trusted."""
@@ -337,7 +354,6 @@ class RunningWindow:
         config, imu, last_pass = self.context.config.motion, self.context.description.imu, float(self.window.t[-1])
         window = self.window.extended(*self.added)
         now = float(window.t[-1])
-        self.gnss.judge()
         window = self.gnss.weigh(window, self.context.config.position.gnss_width)
         if creep is not None:
             window = with_creep(window, creep)
@@ -353,6 +369,10 @@ class RunningWindow:
         last = len(window) - 1
         marginalise = {leaving, before_recent, last} - {0}
         step, event = self._settle_window(window, marginalise, failure)
+        weighed = self._reassessed(step, leaving)
+        if weighed is not step.window:
+            step, again = self._settle_window(weighed, marginalise, failure)
+            event = event or again
         if self.heading_known:
             declared, walked = self.context.config.tach.scale_walk_per_sqrt_m, self.walks
             self.walks = scale_walks(step.window, declared, walks=walked)
@@ -361,13 +381,32 @@ class RunningWindow:
                 event = event or Event(
                     "wheel-crept", "tach", last_pass, now, 0, "the wheel's scale changes: it may walk"
                 )
-        self.heading_known = self.heading_known or self._heading_sd(step.window, step.root) < _HEADING_SD_RAD
+        if not self.heading_known and self._heading_sd(step.window, step.root) < _HEADING_SD_RAD:
+            self.heading_known = True
+            self.gnss.forget()  # at rest a receiver's errors last for as long as the rest
         marginalised = step.marginalised_first(leaving) if leaving else None
         self.window, self.recent = step.window_without_first(leaving), step.window_without_first(before_recent)
         self.newest, self.root = step.window_without_first(last), step.root.last(len(self.window))
         self.linearisation_point = step.linearisation_point.take(slice(leaving, None))
         self.added, self.conditionals, self.predicted = [], [], None
         return Relinearisation(step.window, step.root, marginalised, event)
+
+    def _reassessed(self, step: WindowStep, leaving: int) -> Window:
+        """Return the window with sigmas as its residuals show them; those of GNSS change with the next pass.
+
+        Of GNSS and all else, what is further beyond its sigmas is judged, as in the batch.
+        """
+        window = step.window
+        adapts = self.context.config.noise.adapt and self.heading_known and len(window) > 1
+        groups: dict[str, Residuals] = {}
+        if adapts:
+            covariance = posterior_covariance(step.root)
+            groups = group_residuals(window, window.states, covariance, self._bridged(window.t))
+        if self.speed_doubted or self.noise.is_worse_than_gnss(ratios_of(groups), float(np.median(self.gnss.usual))):
+            self.gnss.forget()
+        elif self.gnss.judge(heading_known=self.heading_known):
+            return window
+        return self.noise.weigh(window, groups, leaving) if adapts else window
 
     def _settle_window(
         self, window: Window, marginalise: Collection[int], failure: str | None

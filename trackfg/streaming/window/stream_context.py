@@ -14,7 +14,7 @@ from trackfg.numerics.arrays import Array
 from trackfg.recording.description import RecordingDescription
 from trackfg.results.summary import GeometryConventions
 from trackfg.sensors.imu_intervals import Intervals
-from trackfg.sensors.imu_noise import NoiseFloor
+from trackfg.sensors.imu_noise import NoiseFloor, WhiteNoise
 
 
 @dataclass(frozen=True)
@@ -36,15 +36,19 @@ class StreamContext:
         """What the geometry's columns mean."""
         return geometry_conventions(self.config.geometry, self.description.track)
 
-    def run_of(self, t: Array, data: Intervals) -> RunContext:
-        """Return the context of keyframes at ``t`` (n,), on edges of the inertial ``data``."""
+    def run_of(self, t: Array, data: Intervals, levels: Array) -> RunContext:
+        """Return the context of keyframes at ``t`` (n,), on edges of the inertial ``data``.
+
+        ``levels`` (n - 1, 2): noise of gyro and accelerometer from each one to the next, in the assumed one.
+        """
+        assumed = assumed_noise(self.description, self.config, NoiseFloor.of(data), t)
         return RunContext(
             t=t,
             edges=np.searchsorted(data.edges, t - 1e-9),
             inertial=data,
             world=self.world,
             lever_arm=self.lever_arm,
-            noise=assumed_noise(self.description, self.config, NoiseFloor.of(data), t),
+            noise=WhiteNoise(assumed.gyro * levels[:, :1], assumed.accel * levels[:, 1:]),
             mount_roll_sd=float(np.radians(self.description.imu.mount_roll_sd_deg)),
             direction=self.description.track.direction,
             conventions=self.conventions,

@@ -42,7 +42,7 @@ def positions(n: int) -> Family:
 
 def test_errors_as_declared_leave_the_sigmas() -> None:
     one = record(np.random.default_rng(0).standard_normal((300, 3)))
-    one.judge()
+    one.judge(heading_known=True)
     assert (one.factor >= 1.0).all()
     assert np.median(one.factor) < 1.1
 
@@ -51,7 +51,7 @@ def test_errors_that_last_widen_the_sigmas_while_they_do() -> None:
     residual = np.random.default_rng(1).standard_normal((300, 3))
     residual[200:240] += 4.0
     one = record(residual)
-    one.judge()
+    one.judge(heading_known=True)
     assert one.factor[205:235].min() > 5.0
     assert np.median(one.factor[:180]) < 1.3
 
@@ -74,22 +74,27 @@ def test_positions_that_the_stream_leaves_get_their_weight_again(grown: float, g
     one = record(residual)
     one.given, one.level = np.ones((300, 3)), np.full((300, 3), 3.0)
     one.given[110:] = given
-    one.judge()
+    one.judge(heading_known=True)
     assert one.regained.tolist() == ([[110.0, 299.0]] if regains else [])
-    assert (len(one.t) == 0) == regains
+    assert (one.since_s == 299.0) == regains
+    assert (one.expected == 1.0).all()
     doubts = [event for event in one.events(300.0) if "too little weight" in str(event.detail)]
     assert [(event.t_s, event.until_s) for event in doubts] == ([(110.0, 299.0)] if regains else [])
 
 
-def test_gnss_is_not_judged_while_the_speed_is_doubted() -> None:
+def test_what_was_learnt_is_forgotten_where_others_err() -> None:
+    """Only positions that come later are judged; residuals of all still tell of positions that no receiver has."""
     residual = np.random.default_rng(1).standard_normal((300, 3))
     residual[200:240] += 4.0
     one = record(residual)
-    one.judge()
-    one.speed_doubted = True
-    one.judge()
-    assert (one.factor == 1.0).all()
+    assert one.judge(heading_known=True)
+    kept = one.factor.copy()
+    one.forget()
     assert one.lasting == 1.0
+    (coming,) = one.weigh_next((positions(1),), WIDTH)
+    np.testing.assert_allclose(coming.sigma, 2.0)
+    assert not one.judge(heading_known=True)
+    np.testing.assert_array_equal(one.factor, kept)
 
 
 def test_positions_of_the_window_have_their_own_factor_and_those_to_come_the_newest() -> None:
@@ -105,7 +110,7 @@ def test_positions_of_the_window_have_their_own_factor_and_those_to_come_the_new
 
 def test_with_too_few_positions_nothing_is_learnt() -> None:
     one = record(np.full((5, 3), 10.0))
-    one.judge()
+    one.judge(heading_known=True)
     assert (one.factor == 1.0).all()
 
 

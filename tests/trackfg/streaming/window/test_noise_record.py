@@ -1,0 +1,140 @@
+"""A stream learns from residuals how noisy its sensors, the motion and the wheel are."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import cast
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from trackfg.config import NoiseConfig, SmoothConfig
+from trackfg.datasets.scenarios import simulate
+from trackfg.factors.imu import Preintegration, PreintegrationNoise
+from trackfg.factors.motion import non_holonomic
+from trackfg.factors.states import States
+from trackfg.recording.model import Recording
+from trackfg.solver.variance_components import Residuals
+from trackfg.streaming.fixed_lag import Estimates, FixedLagSmoother
+from trackfg.streaming.intake.intake import Intake
+from trackfg.streaming.sources.source import RecordingSource
+from trackfg.streaming.window.noise_record import NoiseRecord
+from trackfg.streaming.window.window import Window
+
+N = 60
+"""Intervals of the windows here."""
+
+
+def window(begin: float = 0.0) -> Window:
+    """A window of intervals of 1 s with unit noise, and sideways motion of 1 cm/s."""
+    noise = PreintegrationNoise.alike(1.0, 1.0)
+    measured = Preintegration(noise, 9.81, np.zeros(3), np.zeros(6), np.zeros(1), np.zeros((1, 3)), np.zeros((1, 3)))
+    motion = non_holonomic(np.arange(N + 1), np.zeros((N + 1, 3)), np.zeros(3), np.full((N + 1, 2), 0.01), None)
+    return Window(begin + np.arange(N + 1.0), cast(States, None), (measured,) * N, np.zeros((N + 1, 6, 0)), (motion,))
+
+
+def residuals(size: np.ndarray) -> Residuals:
+    """Three residuals of each factor of this size (m,), alternating in sign, which the rest of the graph checks."""
+    signs = np.where(np.arange(len(size)) % 2, 1.0, -1.0)
+    return Residuals(np.arange(len(size)), np.repeat((signs * size)[:, None], 3, axis=1), np.ones((len(size), 3)))
+
+
+def test_noise_as_declared_changes_nothing() -> None:
+    record, one = NoiseRecord(), window()
+    assert record.weigh(one, {"gyro": residuals(np.ones(N)), "motion": residuals(np.ones(N))}, 10) is one
+    assert record.events(60.0) == ()
+
+
+def test_inertial_noise_has_a_level_where_it_is_and_the_newest_for_what_comes() -> None:
+    size = np.ones(N)
+    size[40:] = 5.0
+    record, one = NoiseRecord(), window()
+    weighed = record.weigh(one, {"gyro": residuals(size)}, 10)
+    gyro = np.array([measured.noise.gyro[0] for measured in weighed.measured])
+    np.testing.assert_allclose(gyro[:25], 1.0)
+    np.testing.assert_allclose(gyro[50:], 5.0, rtol=0.2)
+    assert all((measured.noise.accel == 1.0).all() for measured in weighed.measured)
+    np.testing.assert_allclose(record.newest, [gyro[-1], 1.0])
+    np.testing.assert_allclose(record.at(np.array([5.0, 55.0, 300.0])), [[1.0, 1.0], [gyro[55], 1.0], [gyro[-1], 1.0]])
+
+
+def test_levels_come_down_again() -> None:
+    """Residuals in sigmas of the level are smaller: the level is that of the declared sigmas still."""
+    record, one = NoiseRecord(), window()
+    again = record.weigh(one, {"gyro": residuals(np.full(N, 4.0))}, 0)
+    level = record.newest[0]
+    assert level == pytest.approx(4.0, rel=0.15)
+    assert record.weigh(again, {"gyro": residuals(np.full(N, 4.0 / level))}, 0) is again  # the same noise
+    calm = record.weigh(again, {"gyro": residuals(np.full(N, 1.0 / level))}, 0)
+    np.testing.assert_allclose([measured.noise.gyro[0] for measured in calm.measured], 1.0)
+
+
+def test_motion_has_one_level_from_all_that_was_seen_and_an_event_says_so() -> None:
+    record, one = NoiseRecord(), window()
+    weighed = record.weigh(one, {"motion": residuals(np.full(N, 3.0))}, N)
+    (motion,) = weighed.families
+    np.testing.assert_allclose(motion.sigma, 0.03, rtol=0.1)
+    (event,) = record.events(60.0)
+    assert event.kind == "noise-raised"
+    assert event.detail == "sideways motion of the vehicle: residuals show 2.9 times what is declared, " + (
+        "and sigmas are of that"
+    )
+    hours_later = window(3 * 3600.0)
+    record.weigh(hours_later, {"motion": residuals(np.full(N, 1.0 / 3.0))}, N)
+    assert record.others[0] < 2.5  # most of what was long ago is forgotten
+
+
+def test_groups_that_nothing_checks_have_no_level() -> None:
+    record, one = NoiseRecord(), window()
+    unchecked = replace(residuals(np.full(N, 9.0)), redundancy=np.full((N, 3), 0.01))
+    assert record.weigh(one, {"path": unchecked}, 0) is one
+
+
+def test_gnss_is_not_judged_where_others_are_further_off() -> None:
+    record = NoiseRecord()
+    assert not record.is_worse_than_gnss({"gnss": 2.0, "motion": 1.4}, 1.0)
+    assert record.is_worse_than_gnss({"gnss": 2.0, "motion": 2.4}, 1.0)
+    record.weigh(window(), {"motion": residuals(np.full(N, 3.0))}, N)
+    assert record.is_worse_than_gnss({"gnss": 1.4, "motion": 1.0}, 1.0)  # three times the declared ones
+    assert not record.is_worse_than_gnss({"gnss": 1.4, "motion": 1.0}, 4.0)  # but positions are five times
+
+
+def streamed(recording: Recording, *, adapt: bool = True) -> list[Estimates]:
+    source, config = RecordingSource(recording, batch_s=1.0), SmoothConfig(noise=NoiseConfig(adapt=adapt))
+    smoother, intake = FixedLagSmoother(source.description, config), Intake.of(source)
+    pieces = [smoother.put(intake.push(batch)[0]) for batch in source]
+    return [*pieces, smoother.put(intake.finish()[0]), smoother.finish()]
+
+
+@pytest.mark.slow
+def test_sigmas_of_a_stream_hold_with_noise_that_nobody_declared() -> None:
+    """The accelerometer errs by 0.05 m/s^2, anew in each half second, which no spectrum of its samples shows."""
+    run = simulate("mainline-gnss", seed=4, duration_s=240.0)
+    imu, rng = run.recording.imu.copy(), np.random.default_rng(1)
+    step = (imu["t_s"].to_numpy() // 0.5).astype(int)
+    for name in ("fx_mps2", "fy_mps2", "fz_mps2"):
+        imu[name] += 0.05 * rng.standard_normal(step.max() + 1)[step]
+    excess = {}
+    for adapt in (True, False):
+        pieces = streamed(replace(run.recording, imu=imu), adapt=adapt)
+        table = pd.concat([piece.filtered for piece in pieces])
+        table = table[table["t_s"] > 90.0]
+        error = {
+            name: (table[name] - np.interp(table["t_s"], run.truth["t_s"], run.truth[name])) / table[f"{name}_sd"]
+            for name in ("east_m", "north_m", "speed_mps", "roll_rad", "pitch_rad")
+        }
+        excess[adapt] = [float(np.sqrt(np.mean(each**2))) for each in error.values()]
+        details = [event.detail for piece in pieces for event in piece.events if event.kind == "noise-raised"]
+        assert any("white noise of the accelerometer" in detail for detail in details) == adapt
+    assert max(excess[True]) < 1.6
+    assert min(excess[False]) > 20.0
+
+
+@pytest.mark.slow
+def test_a_stream_with_noise_as_declared_is_as_without_levels() -> None:
+    run = simulate("mainline", seed=3, duration_s=180.0).recording
+    with_levels, without = (
+        pd.concat([piece.smoothed for piece in streamed(run, adapt=adapt)]) for adapt in (True, False)
+    )
+    pd.testing.assert_frame_equal(with_levels, without)

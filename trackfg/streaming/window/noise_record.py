@@ -1,0 +1,164 @@
+"""A stream learns from residuals how noisy its inertial sensor, the vehicle's motion and the wheel are.
+
+After each relinearisation pass the batch's rule (:mod:`trackfg.smoothing.noise_levels`) makes levels of the residuals
+in the window and of those that were marginalised before. A level says by what the declared sigmas are too small: those
+of gyro and accelerometer nearby in time, those of other groups usually. Where levels change, the window is solved
+again; factors to come have sigmas of the newest levels. What was marginalised before stays as it was. Residuals of
+long ago are forgotten, since speed, track and weather change.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from trackfg.factors.factor_type import FactorType
+from trackfg.factors.family import Family, changed
+from trackfg.factors.imu import Preintegration
+from trackfg.numerics.arrays import Array
+from trackfg.results.events import Event
+from trackfg.smoothing.noise_levels import FAMILIES, FAR_OFF, RAISED, in_words, levels_over_time, levels_seen
+from trackfg.smoothing.reassessment import others_are_worse
+from trackfg.solver.variance_components import LEAST_REDUNDANCY, Residuals
+from trackfg.streaming.window.window import Interval, Window
+
+_INERTIAL = ("gyro", "accel")
+"""Groups with a level for each interval."""
+
+_OTHERS = tuple(FAMILIES.values())
+"""Groups with one level."""
+
+_GROUPS = (*_INERTIAL, *_OTHERS)
+
+_REMEMBERED_S = 600.0
+"""Sums of squares fall to 1/e over so long, s: as long as GNSS positions are remembered."""
+
+_MOST = 1000
+"""Intervals whose levels are remembered: geometry reaches back over some tens that were marginalised."""
+
+_SAME_S = 1e-6
+"""Times nearer than this are of one keyframe, s."""
+
+
+@dataclass
+class NoiseRecord:
+    """The record holds levels, all in declared sigmas.
+
+    ``t`` (m,): when the newest intervals began, s; ``inertial`` (m, 2): their levels of gyro and accelerometer,
+    ``newest`` (2,) those of intervals to come; ``others`` (groups,): those of motion, path and wheel.
+
+    Of the intervals that were marginalised, ``sums`` (2 + groups, 2) holds the squares of the residuals and their
+    redundancy, without those of inertial sensors that have a level of their own; ``squared_levels`` (2 + groups,) the
+    sum of the squares of their levels, ``count`` how many they are.
+    """
+
+    t: Array = field(default_factory=lambda: np.zeros(0))
+    inertial: Array = field(default_factory=lambda: np.ones((0, 2)))
+    newest: Array = field(default_factory=lambda: np.ones(2))
+    others: Array = field(default_factory=lambda: np.ones(len(_OTHERS)))
+    sums: Array = field(default_factory=lambda: np.zeros((len(_GROUPS), 2)))
+    squared_levels: Array = field(default_factory=lambda: np.zeros(len(_GROUPS)))
+    count: int = 0
+
+    def at(self, t: Array) -> Array:
+        """Return the levels of gyro and accelerometer of intervals that began at ``t`` (m,), s; shape (m, 2)."""
+        known = np.concatenate([self.inertial, self.newest[None]])
+        return np.asarray(known[np.searchsorted(self.t, t - _SAME_S)])
+
+    def weigh(self, window: Window, groups: Mapping[str, Residuals], leaving: int) -> Window:
+        """Compute the levels anew, and return the window with sigmas of them; itself where they are as they were.
+
+        ``groups``: the residuals of its intervals, of which the first ``leaving`` ones are marginalised next.
+        """
+        inertial, others = self.at(window.t[:-1]), self.others.copy()
+        marginalised = np.zeros_like(self.sums)
+        for i, name in enumerate(_GROUPS):
+            if name not in groups:
+                continue
+            group, own = groups[name], name in _INERTIAL
+            first, usual = group.keyframe < leaving, np.full(len(group.keyframe), True)
+            level = inertial[group.keyframe, i] if own else np.full(len(usual), self.others[i - len(_INERTIAL)])
+            if own:
+                seen, usual = levels_over_time(group, level, self.sums[i])
+                inertial[group.keyframe, i] = _settled(level, seen)
+            else:
+                squares, redundancy = self.sums[i] + _sums(group, level, usual)
+                seen = levels_seen(squares, redundancy) if redundancy > LEAST_REDUNDANCY else np.ones(1)
+                others[i - len(_INERTIAL)] = float(_settled(level[:1], seen)[0])
+            marginalised[i] = _sums(group, level, usual & first)
+        factors = inertial / self.at(window.t[:-1]), others / self.others
+        self._take(window.t, inertial, others, leaving)
+        self.sums = self.sums * np.exp((window.t[0] - window.t[leaving]) / _REMEMBERED_S) + marginalised
+        return _scaled_window(window, *factors)
+
+    def is_worse_than_gnss(self, ratios: Mapping[str, float], gnss_level: float) -> bool:
+        """Return whether another group is further beyond its sigmas than GNSS, beyond the assumed or the declared ones.
+
+        ``ratios``: actual over assumed noise by group; ``gnss_level``: assumed over declared sigmas of GNSS.
+        """
+        gnss = ratios.get("gnss", 1.0)
+        rms = np.sqrt(self.squared_levels / max(self.count, 1)).tolist()
+        declared = max(level * ratios.get(name, 1.0) for name, level in zip(_GROUPS, rms, strict=True))
+        return others_are_worse(ratios, gnss) or declared > max(FAR_OFF, gnss * gnss_level)
+
+    def weigh_next(self, interval: Interval, *, bridged: bool) -> Interval:
+        """Return the next interval, by the inertial sensor alone, with sigmas of the newest levels."""
+        measured = interval.measured if bridged else _scaled(interval.measured, self.newest)
+        return interval._replace(measured=measured, families=_scaled_families(interval.families, self.others))
+
+    def weigh_wheel(self, families: Iterable[Family]) -> tuple[Family, ...]:
+        """Return the families of the next interval with the sigma of the wheel's rolling at its level."""
+        level = self.others[_OTHERS.index(FAMILIES[FactorType.TACH_DISTANCE])]
+        return changed(families, FactorType.TACH_DISTANCE, lambda tach: replace(tach, sigma=tach.sigma * level))
+
+    def events(self, until_s: float) -> tuple[Event, ...]:
+        """Return an event for each group far above its declared level, rms over the stream, known at its end."""
+        rms = np.sqrt(self.squared_levels / max(self.count, 1)).tolist()
+        return tuple(
+            Event("noise-raised", t_s=until_s, detail=in_words(name, level))
+            for name, level in zip(_GROUPS, rms, strict=True)
+            if level > FAR_OFF
+        )
+
+    def _take(self, t: Array, inertial: Array, others: Array, leaving: int) -> None:
+        """Take the levels of a window whose keyframes are at ``t`` (n,), s."""
+        before = int(np.searchsorted(self.t, t[0] - _SAME_S))
+        self.t = np.concatenate([self.t[:before], t[:-1]])[-_MOST:]
+        self.inertial = np.concatenate([self.inertial[:before], inertial])[-_MOST:]
+        self.newest, self.others = inertial[-1], others
+        squares = np.concatenate([np.sum(inertial[:leaving] ** 2, axis=0), leaving * others**2])
+        self.squared_levels, self.count = self.squared_levels + squares, self.count + leaving
+
+
+def _settled(before: Array, seen: Array) -> Array:
+    """Return levels as seen, where they differ from those ``before`` by enough."""
+    return np.where(np.abs(np.log(seen / before)) < np.log(RAISED), before, seen)
+
+
+def _sums(group: Residuals, level: Array, used: np.ndarray) -> Array:
+    """Return squares in declared sigmas and redundancy, (2,), of the factors ``used`` (m,) at their ``level`` (m,)."""
+    squares = np.sum(group.values[used] ** 2, axis=1) * level[used] ** 2
+    return np.array([np.sum(squares), np.sum(group.redundancy[used])])
+
+
+def _scaled_window(window: Window, inertial: Array, others: Array) -> Window:
+    """Return the window with sigmas so many times as large: of its intervals (n - 1, 2), and of families (groups,)."""
+    if (inertial == 1.0).all() and (others == 1.0).all():
+        return window
+    measured = tuple(_scaled(one, factor) for one, factor in zip(window.measured, inertial, strict=True))
+    return replace(window, measured=measured, families=_scaled_families(window.families, others))
+
+
+def _scaled(measured: Preintegration, factor: Array) -> Preintegration:
+    gyro, accel = factor.tolist()
+    return measured if gyro == accel == 1.0 else replace(measured, noise=measured.noise.scaled(gyro, accel))
+
+
+def _scaled_families(families: Iterable[Family], factor: Array) -> tuple[Family, ...]:
+    level = dict(zip(_OTHERS, factor.tolist(), strict=True))
+    return tuple(
+        replace(family, sigma=family.sigma * level[FAMILIES[family.type]]) if family.type in FAMILIES else family
+        for family in families
+    )
