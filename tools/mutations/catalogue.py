@@ -618,8 +618,27 @@ _SENSORS = (
             ),
             _one(
                 "the gyro's walk says nothing of the accelerometer's",
-                'WALKS["accel_walk"], walk, grade)',
-                'WALKS["accel_walk"], walk)',
+                '_WALKS["accel_walk"], walk, grade)',
+                '_WALKS["accel_walk"], walk)',
+            ),
+        ),
+    ),
+    Part(
+        "trackfg/streaming/window/noise_record.py",
+        ("tests/trackfg/streaming/window/test_noise_record.py",),
+        (
+            _one("levels are of assumed sigmas, not of declared ones", "* level[used] ** 2", "* 1.0"),
+            _one(
+                "intervals to come have the oldest level",
+                "self.newest, self.others = inertial[-1]",
+                "self.newest, self.others = inertial[0]",
+            ),
+            _one("nothing is forgotten", "/ _REMEMBERED_S) + marginalised", "* 0.0) + marginalised"),
+            _one("what nothing checks has a level", "if redundancy > LEAST_REDUNDANCY else", "if True else"),
+            _one(
+                "GNSS is worse if all else is far from what is declared",
+                "or declared > max(FAR_OFF",
+                "or declared < 0.0 * max(FAR_OFF",
             ),
         ),
     ),

@@ -72,7 +72,7 @@ FAMILIES = {
 }
 """Families with one level for the run, and the name of their group."""
 
-WALKS = {"accel_walk": slice(0, 3), "gyro_walk": slice(3, 6)}
+_WALKS = {"accel_walk": slice(0, 3), "gyro_walk": slice(3, 6)}
 """Columns of the bias walk that have a level each."""
 
 _NAMES = {
@@ -100,9 +100,9 @@ def noise_levels(run: SolvedRun) -> Reassessment:
         if name in residuals:
             adapted = _with_level(run, adapted, kind, slice(None), residuals[name])
     if walk is not None:
-        adapted = _with_level(run, adapted, FactorType.BIAS_WALK, WALKS["gyro_walk"], walk)
+        adapted = _with_level(run, adapted, FactorType.BIAS_WALK, _WALKS["gyro_walk"], walk)
         grade = levels(run.declared, adapted).get("gyro_walk", 1.0)
-        adapted = _with_level(run, adapted, FactorType.BIAS_WALK, WALKS["accel_walk"], walk, grade)
+        adapted = _with_level(run, adapted, FactorType.BIAS_WALK, _WALKS["accel_walk"], walk, grade)
     return Reassessment(adapted, _findings(replace(run, problem=adapted)), changed=adapted is not problem)
 
 
@@ -117,7 +117,7 @@ def levels(declared: Problem, problem: Problem) -> dict[str, float]:
         if family.type in GROUPS:
             found[GROUPS[family.type]] = family.sigma / before.sigma
         elif family.type is FactorType.BIAS_WALK:
-            found |= {name: family.sigma[:, part] / before.sigma[:, part] for name, part in WALKS.items()}
+            found |= {name: family.sigma[:, part] / before.sigma[:, part] for name, part in _WALKS.items()}
     return {name: float(np.sqrt(np.mean(factor**2))) for name, factor in found.items()}
 
 
@@ -132,7 +132,7 @@ def levels_seen(squares: Array | float, redundancy: Array | float, tests: float 
     return np.asarray(np.where(significant, np.sqrt(variance), 1.0))
 
 
-def level_like(other: float, squares: float, redundancy: float) -> float:
+def _level_like(other: float, squares: float, redundancy: float) -> float:
     """Return f of residuals in declared sigmas, of which ``other`` > 1 of the same sensor is; at least 1."""
     return max(1.0, math.sqrt((_ALIKE_IN_KIND * other**2 + squares) / (_ALIKE_IN_KIND + redundancy)))
 
@@ -189,7 +189,7 @@ def _with_level(
     level = level if ours else 1.0
     squares, redundancy = (float(np.sum(part[:, columns])) for part in (group.values**2, group.redundancy))
     squares *= level**2
-    seen = float(levels_seen(squares, redundancy)) if other == 1.0 else level_like(other, squares, redundancy)
+    seen = float(levels_seen(squares, redundancy)) if other == 1.0 else _level_like(other, squares, redundancy)
     factor = seen / level
     if abs(np.log(factor)) < np.log(RAISED):
         return problem

@@ -80,9 +80,17 @@ def test_motion_has_one_level_from_all_that_was_seen_and_an_event_says_so() -> N
     assert event.detail == "sideways motion of the vehicle: residuals show 2.9 times what is declared, " + (
         "and sigmas are of that"
     )
-    hours_later = window(3 * 3600.0)
-    record.weigh(hours_later, {"motion": residuals(np.full(N, 1.0 / 3.0))}, N)
-    assert record.others[0] < 2.5  # most of what was long ago is forgotten
+    level = record.others[0]
+    assert record.weigh(weighed, {"motion": residuals(np.full(N, 3.0 / level))}, 0) is weighed
+
+
+def test_noise_of_long_ago_is_forgotten() -> None:
+    """Ten minutes of three times the noise outweigh half an hour without."""
+    record = NoiseRecord()
+    for k in range(40):
+        size = (1.0 if k < 30 else 3.0) / record.others[0]
+        record.weigh(window(N * k), {"motion": residuals(np.full(N, size))}, N)
+    assert record.others[0] > 2.2
 
 
 def test_groups_that_nothing_checks_have_no_level() -> None:
