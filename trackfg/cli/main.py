@@ -16,7 +16,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, TextIO
 
 import typer
 
@@ -143,12 +143,18 @@ def _open_closed_streams() -> None:
 
 
 def _flush_output() -> None:
-    """Write what standard output still holds; where it cannot be written (a full disk), nothing is left to be tried."""
-    try:
-        sys.stdout.flush()
-    except OSError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        raise
+    """Write what standard streams still hold; where it cannot be written (a full disk), nothing is left to be tried."""
+    for output in (sys.stdout, sys.stderr):
+        try:
+            output.flush()
+        except OSError:
+            _discard(output)
+            raise
+
+
+def _discard(stream: TextIO) -> None:
+    """Let go of what a stream holds, which Python would try to write at the end, and exit with a status of its own."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
 
 
 def _sentence(error: OSError) -> str:
@@ -159,7 +165,10 @@ def _sentence(error: OSError) -> str:
 
 
 def _fail(error: Exception | str, status: int) -> None:
-    complain(f"trackfg: {printable(str(error))}")
+    try:
+        complain(f"trackfg: {printable(str(error))}")
+    except OSError:
+        _discard(sys.stderr)
     raise SystemExit(status)
 
 

@@ -23,6 +23,16 @@ def test_a_full_disk_behind_standard_output_is_one_line(tmp_path: Path) -> None:
     assert (done.returncode, done.stderr) == (1, f"trackfg: {os.strerror(28)}\n")
 
 
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no full device")
+def test_a_full_disk_behind_standard_error_changes_no_status(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Python itself would exit with 120 for what it cannot write at the end."""
+    monkeypatch.delenv("PYTHONUNBUFFERED", raising=False)
+    assert run("trackfg check nowhere 2> /dev/full", tmp_path).returncode == 2
+    assert run("trackfg scenarios 2> /dev/full", tmp_path).returncode == 0
+    (tmp_path / "log.csv").write_text("a\n1\n", encoding="utf-8")
+    assert run("trackfg import log.csv -o out 2> /dev/full", tmp_path).returncode in (1, 2)
+
+
 def test_closed_streams_are_none_to_write_to(tmp_path: Path) -> None:
     assert run("trackfg check nowhere >&- 2>&-", tmp_path).returncode == 2
     assert run("trackfg scenarios 2>&-", tmp_path).returncode == 0
