@@ -15,17 +15,15 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
+from streaming.run_tables import tables_of
 
 from trackfg.datasets.real import comma2k19, kingston, kitti
 from trackfg.datasets.real.real_run import RealRun
 from trackfg.evaluation.outages import horizontal_errors
 from trackfg.evaluation.scores import rms
 from trackfg.numerics.blas_threads import one_thread
-from trackfg.recording.model import Recording
 from trackfg.results.events import DOUBT
-from trackfg.streaming.fixed_lag import Estimates, FixedLagSmoother
-from trackfg.streaming.intake.intake import Intake
+from trackfg.streaming.fixed_lag import FixedLagSmoother
 from trackfg.streaming.sources.source import RecordingSource
 
 _BEYOND = 4.0
@@ -42,34 +40,25 @@ def drives(folder: Path) -> Iterator[tuple[str, RealRun]]:
     yield "KITTI", kitti.load()
 
 
-def streamed(recording: Recording, lag_s: float) -> tuple[list[Estimates], float]:
-    """Return what a stream of the recording gives, and the offset of the receiver's clock that it ends with, s."""
-    source = RecordingSource(recording, batch_s=1.0)
-    smoother, intake = FixedLagSmoother(source.description, lag_s=lag_s), Intake.of(source)
-    with one_thread():
-        pieces = [smoother.put(intake.push(batch)[0]) for batch in source]
-        pieces += [smoother.put(intake.finish()[0]), smoother.finish()]
-    running = smoother._moving.running
-    return pieces, 0.0 if running is None else float(running.newest.states.clock[0, 2])
-
-
 def score(name: str, run: RealRun, lag_s: float) -> None:
     """Print a row for a drive, and what the stream doubts."""
-    pieces, clock_s = streamed(run.recording, lag_s)
+    source = RecordingSource(run.recording)
+    smoother = FixedLagSmoother(source.description, lag_s=lag_s)
+    with one_thread():
+        tables, _ = tables_of(source, smoother)
     reference, arm = run.reference, kingston.LEVER_ARM_M if name.startswith("Kingston") else np.zeros(3)
-    if name == "KITTI":
-        reference = reference.assign(t_s=reference["t_s"] + clock_s)
+    running = smoother._moving.running
+    if name == "KITTI" and running is not None:
+        reference = reference.assign(t_s=reference["t_s"] + running.newest.states.clock[0, 2])
     cells = []
-    for tables in ([piece.smoothed for piece in pieces], [piece.filtered for piece in pieces]):
-        table = pd.concat(tables, ignore_index=True)
-        errors = horizontal_errors(table, reference, arm)
+    for table in ("smoothed", "filtered"):
+        errors = horizontal_errors(tables[table], reference, arm)
         error, sd = errors["error_m"], errors["sd_m"]
         cells.append(f"{rms(error):.2f} ({rms(error) / rms(sd):.2f}, {100 * np.mean(error > _BEYOND * sd):.0f} %)")
     print(f"| {name} | {lag_s:g} | {cells[0]} | {cells[1]} |")
-    for piece in pieces:
-        for event in piece.events:
-            if event.kind in (DOUBT, "noise-raised", "restarted"):
-                print(f"    {event}")
+    events = tables["events"]
+    for event in events[events["kind"].isin((DOUBT, "noise-raised", "restarted"))].itertuples():
+        print(f"    {event.kind} at {event.t_s:.0f} s: {event.detail}")
 
 
 def main() -> None:

@@ -102,7 +102,7 @@ _SIGNIFICANT = 2.0
 _FITTED_LAGS = 3
 """Significant autocorrelations to which an exponential is fitted, at least: it has two parameters."""
 
-SETTLED = 0.15
+_SETTLED = 0.15
 """Relative change of the sigmas, rms, below which the run is not solved again."""
 
 _GROWN = 2.0
@@ -147,9 +147,8 @@ def gnss_errors(run: SolvedRun) -> Reassessment:
     family, declared = problem.family(FactorType.GNSS_POSITION), run.declared.family(FactorType.GNSS_POSITION)
     if family is None or declared is None or family.loss is None or len(family) < FEWEST:
         return Reassessment(problem)
-    if np.array_equal(family.sigma, declared.sigma) and others_are_worse(
-        run.noise_ratios, run.noise_ratios.get("gnss", 1.0)
-    ):
+    ratios = run.noise_ratios
+    if np.array_equal(family.sigma, declared.sigma) and others_are_worse(ratios, ratios.get("gnss", 1.0)):
         return Reassessment(problem)
     states = run.solution.states
     t = problem.t[family.slots[0].index] + family.data["delay"][:, 0]
@@ -162,13 +161,18 @@ def gnss_errors(run: SolvedRun) -> Reassessment:
     seen = errors_seen(t, in_sigmas, variance, weighted=problem.gnss_level is not None, used=used)
     least = 1.0 if run.config.position.gnss_correlation_s else 0.0
     sigma = declared.sigma * np.maximum(seen.factor, least)
-    changed = bool(np.sqrt(np.mean(np.log(sigma / family.sigma) ** 2)) > SETTLED)
+    changed = have_changed(family.sigma, sigma)
     if changed:
         width = run.config.position.gnss_width / float(np.sqrt(np.median(seen.correlation)))
         again = replace(family, sigma=sigma, loss=Huber(width))
         families = tuple(again if f is family else f for f in problem.families)
         problem = replace(problem, families=families, gnss_level=seen.level)
     return Reassessment(problem, _findings(t, seen), changed=changed)
+
+
+def have_changed(before: Array, now: Array) -> bool:
+    """Return whether sigmas (m, 3) have changed by so much that a run is solved again."""
+    return bool(np.sqrt(np.mean(np.log(now / before) ** 2)) > _SETTLED)
 
 
 def have_grown(residual: Array, level: Array) -> bool:

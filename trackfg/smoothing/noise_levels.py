@@ -54,7 +54,7 @@ _NONE = 1e-3
 _NEARBY = 15
 """Intervals that share a level, some 15 s in motion: a stretch of track, a braking."""
 
-RAISED = 1.1
+_RAISED = 1.1
 """A level that would change by less stays: sigmas would hardly change."""
 
 _NO_SUMS = np.zeros(2)
@@ -128,8 +128,13 @@ def levels_seen(squares: Array | float, redundancy: Array | float, tests: float 
     """
     degrees = np.maximum(redundancy, _NONE)
     variance = (_AGREEING + squares) / (_AGREEING + degrees)
-    significant = exceeds_chance(squares / degrees, degrees, _BY_CHANCE / tests) & (variance > RAISED**2)
+    significant = exceeds_chance(squares / degrees, degrees, _BY_CHANCE / tests) & (variance > _RAISED**2)
     return np.asarray(np.where(significant, np.sqrt(variance), 1.0))
+
+
+def settled(before: Array, seen: Array) -> Array:
+    """Return the levels ``seen``, and those ``before`` where they would change too little."""
+    return np.where(np.abs(np.log(seen / before)) < np.log(_RAISED), before, seen)
 
 
 def _level_like(other: float, squares: float, redundancy: float) -> float:
@@ -146,7 +151,7 @@ def _with_inertial_levels(run: SolvedRun, residuals: dict[str, Residuals]) -> Pr
         if name in residuals:
             group = residuals[name]
             after[group.keyframe, columns] = levels_over_time(group, before[group.keyframe, columns.start])[0][:, None]
-    moved = (np.abs(np.log(after / before)) > np.log(RAISED)).any(axis=1)
+    moved = (settled(before, after) != before).any(axis=1)
     if not moved.any():
         return problem
     after[~moved] = before[~moved]
@@ -191,7 +196,7 @@ def _with_level(
     squares *= level**2
     seen = float(levels_seen(squares, redundancy)) if other == 1.0 else _level_like(other, squares, redundancy)
     factor = seen / level
-    if abs(np.log(factor)) < np.log(RAISED):
+    if abs(np.log(factor)) < np.log(_RAISED):
         return problem
 
     def scaled(family: Family) -> Family:
@@ -208,7 +213,7 @@ def _findings(run: SolvedRun) -> tuple[Finding, ...]:
         Finding(
             level="info",
             code="noise-level-raised",
-            message=in_words(name, level),
+            message=raised_level(name, level),
             hint="declare the noise that is there, or look for what causes it",
         )
         for name, level in levels(run.declared, run.problem).items()
@@ -216,8 +221,8 @@ def _findings(run: SolvedRun) -> tuple[Finding, ...]:
     )
 
 
-def in_words(name: str, level: float) -> str:
-    """Return what is said of a group with a level above the declared one."""
+def raised_level(name: str, level: float) -> str:
+    """Return the sentence that a group's noise is ``level`` times the declared one."""
     return f"{_NAMES[name]}: residuals show {level:.1f} times what is declared, and sigmas are of that"
 
 

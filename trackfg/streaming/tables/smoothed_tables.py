@@ -44,9 +44,12 @@ _JUMP_M = 5.0
 
 
 class TableInput(NamedTuple):
-    """What tables are made from besides the history: the window, the square root of its information, the levels of
-    noise, the rests of late (r, 2), s, the tach, the chainage of a map on which the run is located, the sigma that
-    contradicting fixes add to the distance, m, and what the sigmas of GNSS positions usually are in declared ones (3,).
+    """What tables are made from besides the history.
+
+    ``window`` with the square ``root`` of its information, ``noise`` with the levels of its intervals, the recent
+    ``rests`` (r, 2), s, the ``tach``, and the ``chainage`` of a map on which the run is located. ``doubt_m``: the sigma
+    that contradicting fixes add to the distance. ``usual_gnss`` (3,): by what the sigmas of GNSS positions usually
+    exceed the declared ones.
     """
 
     window: Window

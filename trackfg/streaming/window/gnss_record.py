@@ -28,7 +28,7 @@ from trackfg.factors.family import Family, changed, family_of
 from trackfg.factors.loss import Huber
 from trackfg.numerics.arrays import Array
 from trackfg.results.events import DOUBT, Event
-from trackfg.smoothing.gnss_errors import FEWEST, LONGEST_S, SETTLED, errors_seen, have_grown
+from trackfg.smoothing.gnss_errors import FEWEST, LONGEST_S, errors_seen, have_changed, have_grown
 from trackfg.solver.covariance import Covariance
 from trackfg.solver.leave_one_out import predicted
 from trackfg.streaming.window.window import Window
@@ -118,11 +118,9 @@ class GnssRecord:
             weighted = bool(np.any(self.factor[judged] > 1.0))
             seen = errors_seen(self.t[judged], self.residual[judged], self.variance[judged], weighted=weighted)
             self.factor[judged] = np.maximum(seen.factor, 1.0)
-            self.lasting, self.newest_level = (
-                float(np.sqrt(np.median(seen.correlation))),
-                np.maximum(seen.level[-1], 1.0),
-            )
-        return len(before) > 0 and bool(np.sqrt(np.mean(np.log(self.factor / before) ** 2)) > SETTLED)
+            self.lasting = float(np.sqrt(np.median(seen.correlation)))
+            self.newest_level = np.maximum(seen.level[-1], 1.0)
+        return len(before) > 0 and have_changed(before, self.factor)
 
     @property
     def rest_erred(self) -> bool:

@@ -19,7 +19,7 @@ from trackfg.factors.family import Family, changed
 from trackfg.factors.imu import Preintegration
 from trackfg.numerics.arrays import Array
 from trackfg.results.events import Event
-from trackfg.smoothing.noise_levels import FAMILIES, FAR_OFF, RAISED, in_words, levels_over_time, levels_seen
+from trackfg.smoothing.noise_levels import FAMILIES, FAR_OFF, levels_over_time, levels_seen, raised_level, settled
 from trackfg.smoothing.reassessment import others_are_worse
 from trackfg.solver.variance_components import LEAST_REDUNDANCY, Residuals
 from trackfg.streaming.window.window import Interval, Window
@@ -31,6 +31,7 @@ _OTHERS = tuple(FAMILIES.values())
 """Groups with one level."""
 
 _GROUPS = (*_INERTIAL, *_OTHERS)
+"""All groups, in the order of their sums."""
 
 _REMEMBERED_S = 600.0
 """Sums of squares fall to 1/e over so long, s: as long as GNSS positions are remembered."""
@@ -72,23 +73,25 @@ class NoiseRecord:
 
         ``groups``: the residuals of its intervals, of which the first ``leaving`` ones are marginalised next.
         """
-        inertial, others = self.at(window.t[:-1]), self.others.copy()
-        marginalised = np.zeros_like(self.sums)
+        before = self.at(window.t[:-1])
+        inertial, others, marginalised = before.copy(), self.others.copy(), np.zeros_like(self.sums)
         for i, name in enumerate(_GROUPS):
             if name not in groups:
                 continue
-            group, own = groups[name], name in _INERTIAL
-            first, usual = group.keyframe < leaving, np.full(len(group.keyframe), True)
-            level = inertial[group.keyframe, i] if own else np.full(len(usual), self.others[i - len(_INERTIAL)])
-            if own:
+            group, k = groups[name], i - len(_INERTIAL)
+            first = group.keyframe < leaving
+            if name in _INERTIAL:
+                level = before[group.keyframe, i]
                 seen, usual = levels_over_time(group, level, self.sums[i])
-                inertial[group.keyframe, i] = _settled(level, seen)
+                inertial[group.keyframe, i] = settled(level, seen)
+                marginalised[i] = _sums(group, level, usual & first)
             else:
-                squares, redundancy = self.sums[i] + _sums(group, level, usual)
-                seen = levels_seen(squares, redundancy) if redundancy > LEAST_REDUNDANCY else np.ones(1)
-                others[i - len(_INERTIAL)] = float(_settled(level[:1], seen)[0])
-            marginalised[i] = _sums(group, level, usual & first)
-        factors = inertial / self.at(window.t[:-1]), others / self.others
+                level = np.full(len(first), self.others[k])
+                squares, redundancy = self.sums[i] + _sums(group, level, np.full(len(first), True))
+                seen = levels_seen(squares, redundancy) if redundancy > LEAST_REDUNDANCY else np.ones(())
+                others[k] = settled(self.others[k], seen)
+                marginalised[i] = _sums(group, level, first)
+        factors = inertial / before, others / self.others
         self._take(window.t, inertial, others, leaving)
         self.sums = self.sums * np.exp((window.t[0] - window.t[leaving]) / _REMEMBERED_S) + marginalised
         return _scaled_window(window, *factors)
@@ -99,8 +102,7 @@ class NoiseRecord:
         ``ratios``: actual over assumed noise by group; ``gnss_level``: assumed over declared sigmas of GNSS.
         """
         gnss = ratios.get("gnss", 1.0)
-        rms = np.sqrt(self.squared_levels / max(self.count, 1)).tolist()
-        declared = max(level * ratios.get(name, 1.0) for name, level in zip(_GROUPS, rms, strict=True))
+        declared = max(level * ratios.get(name, 1.0) for name, level in self._rms_levels().items())
         return others_are_worse(ratios, gnss) or declared > max(FAR_OFF, gnss * gnss_level)
 
     def weigh_next(self, interval: Interval, *, bridged: bool) -> Interval:
@@ -115,12 +117,15 @@ class NoiseRecord:
 
     def events(self, until_s: float) -> tuple[Event, ...]:
         """Return an event for each group far above its declared level, rms over the stream, known at its end."""
-        rms = np.sqrt(self.squared_levels / max(self.count, 1)).tolist()
         return tuple(
-            Event("noise-raised", t_s=until_s, detail=in_words(name, level))
-            for name, level in zip(_GROUPS, rms, strict=True)
+            Event("noise-raised", t_s=until_s, detail=raised_level(name, level))
+            for name, level in self._rms_levels().items()
             if level > FAR_OFF
         )
+
+    def _rms_levels(self) -> dict[str, float]:
+        """Return the level of each group, rms over the intervals that were marginalised."""
+        return dict(zip(_GROUPS, np.sqrt(self.squared_levels / max(self.count, 1)).tolist(), strict=True))
 
     def _take(self, t: Array, inertial: Array, others: Array, leaving: int) -> None:
         """Take the levels of a window whose keyframes are at ``t`` (n,), s."""
@@ -130,11 +135,6 @@ class NoiseRecord:
         self.newest, self.others = inertial[-1], others
         squares = np.concatenate([np.sum(inertial[:leaving] ** 2, axis=0), leaving * others**2])
         self.squared_levels, self.count = self.squared_levels + squares, self.count + leaving
-
-
-def _settled(before: Array, seen: Array) -> Array:
-    """Return levels as seen, where they differ from those ``before`` by enough."""
-    return np.where(np.abs(np.log(seen / before)) < np.log(RAISED), before, seen)
 
 
 def _sums(group: Residuals, level: Array, used: np.ndarray) -> Array:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
-from typing import cast
+from typing import Any, cast
 
 import numpy as np
 import pandas as pd
@@ -14,11 +15,7 @@ from trackfg.datasets.scenarios import simulate
 from trackfg.factors.imu import Preintegration, PreintegrationNoise
 from trackfg.factors.motion import non_holonomic
 from trackfg.factors.states import States
-from trackfg.recording.model import Recording
 from trackfg.solver.variance_components import Residuals
-from trackfg.streaming.fixed_lag import Estimates, FixedLagSmoother
-from trackfg.streaming.intake.intake import Intake
-from trackfg.streaming.sources.source import RecordingSource
 from trackfg.streaming.window.noise_record import NoiseRecord
 from trackfg.streaming.window.window import Window
 
@@ -108,15 +105,12 @@ def test_gnss_is_not_judged_where_others_are_further_off() -> None:
     assert not record.is_worse_than_gnss({"gnss": 1.4, "motion": 1.0}, 4.0)  # but positions are five times
 
 
-def streamed(recording: Recording, *, adapt: bool = True) -> list[Estimates]:
-    source, config = RecordingSource(recording, batch_s=1.0), SmoothConfig(noise=NoiseConfig(adapt=adapt))
-    smoother, intake = FixedLagSmoother(source.description, config), Intake.of(source)
-    pieces = [smoother.put(intake.push(batch)[0]) for batch in source]
-    return [*pieces, smoother.put(intake.finish()[0]), smoother.finish()]
+def settings(*, adapt: bool) -> SmoothConfig:
+    return SmoothConfig(noise=NoiseConfig(adapt=adapt))
 
 
 @pytest.mark.slow
-def test_sigmas_of_a_stream_hold_with_noise_that_nobody_declared() -> None:
+def test_sigmas_of_a_stream_hold_with_noise_that_nobody_declared(stream: Callable[..., Any]) -> None:
     """The accelerometer errs by 0.05 m/s^2, anew in each half second, which no spectrum of its samples shows."""
     run = simulate("mainline-gnss", seed=4, duration_s=240.0)
     imu, rng = run.recording.imu.copy(), np.random.default_rng(1)
@@ -125,24 +119,21 @@ def test_sigmas_of_a_stream_hold_with_noise_that_nobody_declared() -> None:
         imu[name] += 0.05 * rng.standard_normal(step.max() + 1)[step]
     excess = {}
     for adapt in (True, False):
-        pieces = streamed(replace(run.recording, imu=imu), adapt=adapt)
-        table = pd.concat([piece.filtered for piece in pieces])
-        table = table[table["t_s"] > 90.0]
+        ours = stream(replace(run.recording, imu=imu), lag_s=10.0, config=settings(adapt=adapt))
+        table = ours.filtered[ours.filtered["t_s"] > 90.0]
         error = {
             name: (table[name] - np.interp(table["t_s"], run.truth["t_s"], run.truth[name])) / table[f"{name}_sd"]
             for name in ("east_m", "north_m", "speed_mps", "roll_rad", "pitch_rad")
         }
         excess[adapt] = [float(np.sqrt(np.mean(each**2))) for each in error.values()]
-        details = [event.detail for piece in pieces for event in piece.events if event.kind == "noise-raised"]
+        details = [event.detail for event in ours.events if event.kind == "noise-raised"]
         assert any("white noise of the accelerometer" in detail for detail in details) == adapt
     assert max(excess[True]) < 1.6
     assert min(excess[False]) > 20.0
 
 
 @pytest.mark.slow
-def test_a_stream_with_noise_as_declared_is_as_without_levels() -> None:
+def test_a_stream_with_noise_as_declared_is_as_without_levels(stream: Callable[..., Any]) -> None:
     run = simulate("mainline", seed=3, duration_s=180.0).recording
-    with_levels, without = (
-        pd.concat([piece.smoothed for piece in streamed(run, adapt=adapt)]) for adapt in (True, False)
-    )
+    with_levels, without = (stream(run, lag_s=10.0, config=settings(adapt=adapt)).smoothed for adapt in (True, False))
     pd.testing.assert_frame_equal(with_levels, without)
