@@ -37,11 +37,15 @@ def of_judgement(judgement: Judgement) -> Iterator[RenderableType]:
         yield _exceedances(found.sort_values("chainage_m", kind="stable"))
         if said := unsure_text(found):
             yield Text(said)
-    if judgement.not_judged:
-        table = titled("Not judged", *columns("limit", "class", "why", overflow="fold"))
-        for (quantity, reason), levels in judgement.not_judged_levels().items():
-            table.add_row(Text(quantity), Text(levels), Text(reason))
-        yield table
+    for title, last, grouped in (
+        ("Not judged", "why", judgement.not_judged_levels()),
+        ("Not judged everywhere", "not known, m", judgement.unknown_levels()),
+    ):
+        if grouped:
+            table = titled(title, *columns("limit", "class", last, overflow="fold"))
+            for (quantity, text), levels in grouped.items():
+                table.add_row(Text(quantity), Text(levels), Text(text))
+            yield table
 
 
 def _kilometres(kilometres: Sequence[KilometreExceedances]) -> RenderableType:
@@ -70,7 +74,7 @@ def _exceedances(found: pd.DataFrame) -> RenderableType:
 
 
 def judgement_json(judgement: Judgement) -> str:
-    """Return what each kilometre has, exceedances with the columns of the table, and the limits not judged, as JSON."""
+    """Return what each kilometre has, exceedances with the columns of the table, and what was not judged, as JSON."""
     not_judged = [
         {**limit.model_dump(exclude_defaults=True), "reason": reason} for limit, reason in judgement.not_judged
     ]
@@ -78,5 +82,14 @@ def judgement_json(judgement: Judgement) -> str:
         {"km": one.km, "exceedances": dict(one.counts), "length_m": one.length_m, "worst": one.worst_text}
         for one in by_kilometre(by_severity(judgement.found))
     ]
-    content = {"by_km": kilometres, "exceedances": records(judgement.found), "not_judged": not_judged}
+    unknown = [
+        {"quantity": quantity, "level": level, "length_m": length_m}
+        for (quantity, level), length_m in judgement.unknown_m().items()
+    ]
+    content = {
+        "by_km": kilometres,
+        "exceedances": records(judgement.found),
+        "not_judged": not_judged,
+        "unknown": unknown,
+    }
     return json.dumps(content, indent=2)

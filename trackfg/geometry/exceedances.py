@@ -10,11 +10,12 @@ import pandas as pd
 from numpy.typing import ArrayLike
 
 from trackfg.errors import BadInputError
-from trackfg.geometry.curves import CURVED_FROM_1PM, curve_sense
+from trackfg.geometry.curves import CURVED_FROM_1PM, curve_sense, mean_curvature
 from trackfg.geometry.judged_quantities import ColumnLengths, JudgedQuantity, quantities, step_of
 from trackfg.geometry.limits import Limit, listed_levels
 from trackfg.geometry.statistics import peaks, section_statistics
 from trackfg.numerics.arrays import Array
+from trackfg.numerics.spans import true_runs
 
 COLUMNS = (
     "standard",
@@ -36,6 +37,8 @@ COLUMNS = (
 """An exceedance: the limit, also in words (``quantity``), the judged column, the place of the largest value with its
 1-sigma, the stretch, the value with its 1-sigma, the limit's value and the line's speed. A sigma that the table does
 not have is NaN."""
+UNKNOWN_COLUMNS = ("level", "parameter", "quantity", "column", "kind", "from_m", "to_m", "length_m")
+"""A stretch over which a limit holds and what it limits is not known: its first and last row, and the rows' length."""
 
 
 COLUMN_LENGTHS = ColumnLengths()
@@ -44,21 +47,37 @@ COLUMN_LENGTHS = ColumnLengths()
 
 @dataclass(frozen=True)
 class Judgement:
-    """The exceedances, and the limits that could not be judged.
+    """The exceedances, the limits that could not be judged, and where the others could not be.
 
     ``found``: one row per exceedance with :data:`COLUMNS`, by chainage. ``not_judged``: the limits that the table does
-    not suffice for, with the reason.
+    not suffice for, with the reason. ``unknown``: one row per stretch with :data:`UNKNOWN_COLUMNS`.
     """
 
     found: pd.DataFrame
     not_judged: tuple[tuple[Limit, str], ...]
+    unknown: pd.DataFrame
 
     def not_judged_levels(self) -> dict[tuple[str, str], str]:
         """Group the limits that were not judged: (quantity, reason) to the levels that it concerns, as one text."""
-        limits: dict[tuple[str, str], list[Limit]] = {}
-        for limit, reason in self.not_judged:
-            limits.setdefault((limit.quantity, reason), []).append(limit)
-        return {key: listed_levels(group) for key, group in limits.items()}
+        return _grouped(((limit.quantity, reason), limit.level) for limit, reason in self.not_judged)
+
+    def unknown_levels(self) -> dict[tuple[str, str], str]:
+        """Group what was not judged everywhere: (quantity, length not known in m) to its levels, as one text."""
+        return _grouped(((quantity, f"{m:.0f}"), level) for (quantity, level), m in self.unknown_m().items())
+
+    def unknown_m(self) -> dict[tuple[str, str], float]:
+        """Return over which length a quantity of a level is not known, m; of several columns that of the worst."""
+        by_column = self.unknown.groupby(["quantity", "level", "column"], sort=False)["length_m"].sum()
+        longest = by_column.groupby(level=["quantity", "level"], sort=False).max()
+        return {(str(quantity), str(level)): float(m) for (quantity, level), m in longest.items()}
+
+
+def _grouped(levels: Iterable[tuple[tuple[str, str], str]]) -> dict[tuple[str, str], str]:
+    """Return for each key its levels as one text."""
+    groups: dict[tuple[str, str], list[str]] = {}
+    for key, level in levels:
+        groups.setdefault(key, []).append(level)
+    return {key: listed_levels(group) for key, group in groups.items()}
 
 
 def exceedances(
@@ -92,11 +111,13 @@ def exceedances(
     sd = np.full(len(chainage), np.nan)
     if "chainage_m_sd" in geometry:
         sd = geometry["chainage_m_sd"].to_numpy(dtype=np.float64)
-    to_left = None
+    to_left, without_curvature = None, np.zeros(len(chainage), dtype=bool)
     if "curvature_1pm" in geometry:
-        to_left = curve_sense(chainage, geometry["curvature_1pm"].to_numpy(dtype=np.float64), curve_from_1pm)
+        curvature = geometry["curvature_1pm"].to_numpy(dtype=np.float64)
+        to_left = curve_sense(chainage, curvature, curve_from_1pm)
+        without_curvature = np.isnan(mean_curvature(chainage, curvature))
 
-    tables, not_judged = [], []
+    tables, unknown, not_judged = [], [], []
     for limit in limits:
         if to_left is None and (limit.track != "any" or limit.parameter == "reverse_cross_level"):
             not_judged.append((limit, "needs the column curvature_1pm, to tell curves from tangent track"))
@@ -111,21 +132,38 @@ def exceedances(
             nearest = np.minimum(place, len(chainage) - 1)
             applies = _applies(limit, speed[nearest], sides[nearest])
             tables.append(_judge(limit, quantity, applies, speed[nearest], sd[nearest]))
+            perhaps = _applies(limit, speed[nearest], None) & without_curvature[nearest]
+            unknown += _unknown(limit, quantity, applies | perhaps)
     tables = [table for table in tables if len(table)]
     found = pd.concat(tables) if tables else pd.DataFrame(columns=list(COLUMNS))
-    return Judgement(found.sort_values("chainage_m", ignore_index=True, kind="stable"), tuple(not_judged))
+    return Judgement(
+        found.sort_values("chainage_m", ignore_index=True, kind="stable"),
+        tuple(not_judged),
+        pd.DataFrame(unknown, columns=list(UNKNOWN_COLUMNS)).drop_duplicates(ignore_index=True),
+    )
 
 
-def _applies(limit: Limit, speed: Array, to_left: Array) -> np.ndarray:
-    """Return where the limit's speeds and track hold."""
+def _applies(limit: Limit, speed: Array, to_left: Array | None) -> np.ndarray:
+    """Return where the limit's speeds hold and, where curves are given, its track."""
     applies = np.ones(len(speed), dtype=bool)
     if limit.speed_from_kmh is not None:
         applies &= speed > limit.speed_from_kmh
     if limit.speed_to_kmh is not None:
         applies &= speed <= limit.speed_to_kmh
-    if limit.track != "any":
+    if limit.track != "any" and to_left is not None:
         applies &= (to_left != 0.0) == (limit.track == "curved")
     return applies
+
+
+def _unknown(limit: Limit, quantity: JudgedQuantity, applies: np.ndarray) -> list[tuple[str | float, ...]]:
+    """Return the stretches of one quantity that are not known where the limit applies, with ``UNKNOWN_COLUMNS``."""
+    chainage = quantity.chainage_m
+    step = float(chainage[-1] - chainage[0]) / (len(chainage) - 1)
+    head = (limit.level, limit.parameter, limit.quantity, quantity.name, limit.kind)
+    return [
+        (*head, float(chainage[first]), float(chainage[stop - 1]), float(stop - first) * step)
+        for first, stop in true_runs(applies & np.isnan(quantity.value_mm))
+    ]
 
 
 def _repeated(places_m: Array, count: int, within_m: float) -> np.ndarray:

@@ -157,14 +157,14 @@ def at_level(limits: Iterable[Limit], level: str) -> tuple[Limit, ...]:
     limits = tuple(limits)
     chosen = tuple(limit for limit in limits if limit.level == level)
     if not chosen:
-        raise BadInputError(f"no limits of level {level!r}; expected one of {listed_levels(limits)}")
+        levels = listed_levels(limit.level for limit in limits)
+        raise BadInputError(f"no limits of level {level!r}; expected one of {levels}")
     return chosen
 
 
-def listed_levels(limits: Iterable[Limit]) -> str:
-    """Return each level of limits once, in their order, as one text; a name that has a comma stands in quotes."""
-    levels = dict.fromkeys(limit.level for limit in limits)
-    return ", ".join(repr(level) if "," in level else level for level in levels)
+def listed_levels(levels: Iterable[str]) -> str:
+    """Return each level once, in their order, as one text; a name that has a comma stands in quotes."""
+    return ", ".join(repr(level) if "," in level else level for level in dict.fromkeys(levels))
 
 
 def at_line_speed(limits: Iterable[Limit], line_speed_kmh: float | None) -> tuple[Limit, ...]:

@@ -11,9 +11,9 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from trackfg.geometry.statistics import section_statistics
+from trackfg.numerics.arrays import Array
 from trackfg.numerics.chainage_grid import step_of
 
 INDEX_CHANNELS = (
@@ -43,23 +43,26 @@ def section_quality(
     channels: Sequence[str],
     *,
     section_m: float = 200.0,
-    beyond: Mapping[str, NDArray[np.bool_]] | None = None,
+    beyond: Mapping[str, Array] | None = None,
 ) -> pd.DataFrame:
     """Return one row per section, beginning at whole multiples of ``section_m``.
 
     Columns ``from_m, to_m``, the index ``tqi`` (mm), the sum of the standard deviations of :func:`index_channels`, NaN
     where one of them is not known, ``sd_CHANNEL`` in the channel's unit for each of ``channels``, and for each name of
-    ``beyond`` ``share_beyond_NAME``: the share of the section's rows where it is true (n,).
+    ``beyond`` (n,), which is 1, 0, or NaN where that is not known, ``share_beyond_NAME``, its mean over the section's
+    known rows, NaN where there is none, and ``unknown_m_NAME``, the length of the others, m.
     """
-    chainage = geometry["chainage_m"].to_numpy(dtype=np.float64)
-    least = _LEAST_SHARE * section_m / step_of(geometry)
+    chainage, step = geometry["chainage_m"].to_numpy(dtype=np.float64), step_of(geometry)
+    least = _LEAST_SHARE * section_m / step
     columns: dict[str, pd.Series] = {}
     for name in channels:
         table = section_statistics(chainage, geometry[name].to_numpy(), section_m=section_m).set_index("from_m")
         columns[f"sd_{name}"] = table["sd"].where(table["count"] >= least)
     for name, where in (beyond or {}).items():
-        table = section_statistics(chainage, where.astype(np.float64), section_m=section_m).set_index("from_m")
+        table = section_statistics(chainage, where, section_m=section_m).set_index("from_m")
+        unknown = section_statistics(chainage, np.where(np.isnan(where), step, 0.0), section_m=section_m)
         columns[f"share_beyond_{name}"] = table["mean"]
+        columns[f"unknown_m_{name}"] = unknown.set_index("from_m").eval("mean * count")
     out = pd.DataFrame(columns).sort_index()
     index = [f"sd_{name}" for name in index_channels(channels)]
     out.insert(0, "to_m", out.index.to_numpy() + section_m)

@@ -103,10 +103,13 @@ def exceedance_section(judgement: Judgement, result: Result) -> PageSection:
             "largest. Speed is the run's at the peak."
         )
         blocks.append(Text(note, "note"))
-    if judgement.not_judged:
-        not_judged = judgement.not_judged_levels().items()
-        rows = TableRow.plain((quantity, levels, reason) for (quantity, reason), levels in not_judged)
-        blocks.append(Fold("Limits that were not judged", (PageTable(("limit", "class", "why"), rows),)))
+    for title, last, grouped in (
+        ("Limits that were not judged", "why", judgement.not_judged_levels()),
+        ("Limits that were not judged everywhere", "not known, m", judgement.unknown_levels()),
+    ):
+        if grouped:
+            rows = TableRow.plain((quantity, levels, text) for (quantity, text), levels in grouped.items())
+            blocks.append(Fold(title, (PageTable(("limit", "class", last), rows),)))
     return PageSection("limits", "Exceedances of limits: where to send the gang", tuple(blocks), "Exceedances")
 
 

@@ -58,7 +58,7 @@ def judge(
     lengths = ColumnLengths(
         Band(*conventions.band_m), conventions.chord_m, conventions.twist_base_m, conventions.twist_anchor
     )
-    geometry = _without_holes(geometry, conventions.step_m)
+    geometry = without_holes(geometry, conventions.step_m)
     if result.summary.solver is not None:  # of a table of another system the responses are not known
         if any(limit.band in ("D2", "D3") for limit in applying):
             geometry = with_long_bands(geometry, conventions.step_m, conventions.chord_m)
@@ -88,7 +88,7 @@ def write_exceedances(judgement: Judgement, path: Path) -> None:
     write_whole(path, judgement.found.to_csv(index=False).encode("utf-8"))
 
 
-def _without_holes(geometry: pd.DataFrame, step_m: float) -> pd.DataFrame:
+def without_holes(geometry: pd.DataFrame, step_m: float) -> pd.DataFrame:
     """Return the table with a row at every step: NaN where the run did not pass."""
     cells = cells_of(geometry, step_m)
     every = np.arange(cells[0], cells[-1] + 1)

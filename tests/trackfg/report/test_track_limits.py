@@ -10,6 +10,7 @@ import pytest
 from trackfg.errors import BadInputError, OutputError
 from trackfg.geometry.limits import Limit, LimitChoice
 from trackfg.report.track_limits import judge, write_exceedances
+from trackfg.report.track_statistics import track_statistics
 from trackfg.results.result import Result
 
 TWIST = Limit(standard="rule", level="alert", parameter="twist", base_m=5.0, kind="peak", value_mm=1.9)
@@ -70,3 +71,18 @@ def test_the_file_holds_the_table(result: Result, tmp_path: Path) -> None:
     assert np.array_equal(written["value_mm"], judgement.found["value_mm"])
     with pytest.raises(OutputError, match="cannot be written"):
         write_exceedances(judgement, tmp_path / "a.csv" / "a.csv")
+
+
+def test_what_is_not_known_is_neither_beyond_nor_within(result: Result) -> None:
+    """Of the section from 400 m 50 m are NaN, of that from 800 m 50 m have no rows; of that from 1000 m nothing is
+    known."""
+    x = result.geometry["chainage_m"]
+    twist = np.where((x >= 450.0) & (x < 500.0) | (x >= 1000.0) & (x < 1200.0), np.nan, 3.0)
+    geometry = result.geometry.assign(twist_mm=twist)[(x < 900.0) | (x >= 950.0)].reset_index(drop=True)
+    of_holes = replace(result, geometry=geometry)
+    judgement = judge(of_holes, [TWIST])
+    table = track_statistics(of_holes, judgement=judgement).set_index("from_m").loc[400.0:1000.0]
+    assert table["share_beyond_twist_mm_alert"].tolist() == pytest.approx([1.0, 1.0, 1.0, np.nan], nan_ok=True)
+    assert table["unknown_m_twist_mm_alert"].tolist() == [50.0, 0.0, 50.0, 200.0]
+    assert judgement.unknown_m() == {("twist over 5 m", "alert"): 300.0}
+    assert judgement.unknown_levels() == {("twist over 5 m", "300"): "alert"}

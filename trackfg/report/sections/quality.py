@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pandas as pd
 
@@ -11,7 +13,7 @@ from trackfg.geometry.section_quality import index_channels
 from trackfg.numerics.arrays import Array
 from trackfg.report.consistency import named
 from trackfg.report.exceedances import doubt_text
-from trackfg.report.numbers import digits
+from trackfg.report.numbers import NONE, digits
 from trackfg.report.page import BarCell, BarRow, Block, ColourBar, Fold, PageSection, PageTable, TableRow, Text
 from trackfg.report.sections.places import PagePlaces
 from trackfg.report.track_limits import doubt_about
@@ -81,21 +83,30 @@ def _note(result: Result, channels: tuple[str, ...]) -> str:
 
 
 def _table(table: pd.DataFrame, channels: tuple[str, ...], places: PagePlaces, caption: str = "") -> PageTable:
-    shares = [name for name in table if str(name).startswith("share_beyond_")]
+    shares = [str(name) for name in table if str(name).startswith("share_beyond_")]
     columns = ["tqi", *(f"sd_{name}" for name in channels)]
     ends = zip(places.written(table["from_m"]), places.written(table["to_m"]), strict=True)
+    unknown = table[[name.replace("share_beyond_", "unknown_m_") for name in shares]]
     rows = tuple(
-        TableRow((start, end, *(digits(value) for value in values), *(f"{100.0 * share:.0f}" for share in beyond)))
-        for (start, end), values, beyond in zip(ends, table[columns].to_numpy(), table[shares].to_numpy(), strict=True)
+        TableRow((start, end, *(digits(value) for value in values), *map(_share, beyond, unknown_m)))
+        for (start, end), values, beyond, unknown_m in zip(
+            ends, table[columns].to_numpy(), table[shares].to_numpy(), unknown.to_numpy(), strict=True
+        )
     )
     headings = (
         "from km",
         "to km",
         "TQI, mm",
         *(f"{named(name).name}, mm" for name in channels),
-        *(f"% beyond {_beyond(str(name))}" for name in shares),
+        *(f"% beyond {_beyond(name)}" for name in shares),
     )
     return PageTable(headings, rows, numbers=frozenset(range(len(headings))), caption=caption)
+
+
+def _share(share: float, unknown_m: float) -> str:
+    """Return a share of the known length in percent, and how much is not known."""
+    known = NONE if math.isnan(share) else f"{100.0 * share:.0f}"
+    return f"{known} ({unknown_m:.0f} m unknown)" if unknown_m > 0.0 else known
 
 
 def _beyond(column: str) -> str:
