@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from rich.console import RenderableType
 
     from trackfg.mapping.runs.run_overlay import RunOverlay
+    from trackfg.report.page import Page
 
 _HEAD, _SHIFTS, _DIFFERENCES, _PAGE = _FILES = ("overlay.json", "shifts.csv", "differences.csv", "page.html")
 _FORMAT = "trackfg-overlay/1"
@@ -45,6 +46,8 @@ def overlay(
     from trackfg.files.owned_folder import FolderKind
     from trackfg.interchange.importing.channels.source_geometry import read_geometry
     from trackfg.mapping.runs.run_overlay import overlaid
+    from trackfg.report.runs.overlay_page import overlay_page
+    from trackfg.results.verdict import untrusted
 
     if out is not None:
         library("plotly", "charts")  # of the page
@@ -54,7 +57,9 @@ def overlay(
         laid = overlaid(results, _names(runs), section_m=float(section))
         if out is not None:
             command = shlex.join(["trackfg", "overlay", *map(str, runs), "-o", str(out), "--section", str(section)])
-            _write(laid, out, command)
+            verdicts = (result.summary.verdicts for result in results)
+            doubts = {name: untrusted(one) for name, one in zip(laid.names, verdicts, strict=True)}
+            _write(out, laid, overlay_page(laid, command, doubts))
     for result, path in zip(results, runs, strict=True):
         warn_of_doubt(result, path)
     if json:
@@ -84,16 +89,15 @@ def _as_json(laid: RunOverlay) -> str:
     return json_text.dumps(content, indent=2)
 
 
-def _write(laid: RunOverlay, out: Path, command: str) -> None:
+def _write(out: Path, laid: RunOverlay, page: Page) -> None:
     """Write the folder, complete or not at all."""
     from trackfg.files.atomic_folder import replaced_folder
-    from trackfg.report.runs.overlay_page import overlay_page
 
     with replaced_folder(out) as new:
         (new / _HEAD).write_text(_as_json(laid) + "\n", encoding="utf-8")
         laid.shifts.to_csv(new / _SHIFTS, index=False)
         laid.differences.to_csv(new / _DIFFERENCES, index=False)
-        overlay_page(laid, command).write(new / _PAGE)
+        page.write(new / _PAGE)
 
 
 def _tables(laid: RunOverlay) -> list[RenderableType]:

@@ -24,7 +24,7 @@ from trackfg.geometry.versine_chords import with_further_chords
 from trackfg.numerics.chainage_grid import cells_of
 from trackfg.results.official_places import shown_kilometrage, with_km
 from trackfg.results.result import Result
-from trackfg.results.verdict import NOT_TRUSTED, Quantity, widening
+from trackfg.results.verdict import NOT_TRUSTED, Quantity, untrusted, widening
 
 _QUANTITIES: dict[str, Quantity] = {
     "level": "level",
@@ -79,8 +79,8 @@ def judge(
 def doubt_about(result: Result) -> str:
     """Return in words which quantities of track geometry are not to be trusted; nothing where all are."""
     judged = set(_QUANTITIES.values())
-    names = [one.name for one in result.summary.verdicts if one.status == "not_trusted" and one.quantity in judged]
-    return f"{NOT_TRUSTED} in this run: {', '.join(names)}" if names else ""
+    names = untrusted(one for one in result.summary.verdicts if one.quantity in judged)
+    return f"{NOT_TRUSTED} in this run: {names}" if names else ""
 
 
 def write_exceedances(judgement: Judgement, path: Path) -> None:

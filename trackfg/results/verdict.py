@@ -108,6 +108,11 @@ def widening(verdicts: Iterable[Verdict], quantity: Quantity) -> float:
     return next((verdict.widening for verdict in verdicts if verdict.quantity == quantity), 1.0)
 
 
+def untrusted(verdicts: Iterable[Verdict]) -> str:
+    """Return in words which quantities are not to be trusted; nothing where all are."""
+    return ", ".join(verdict.name for verdict in verdicts if verdict.status == "not_trusted")
+
+
 @dataclass(frozen=True)
 class Opinion:
     """Quantities that have the same verdict; "all" where there are no others."""

@@ -129,6 +129,20 @@ def test_a_result_that_cannot_be_read_is_said(make_result: Callable[..., Result]
     assert StorePages(store.place).answer("/").status == 200
 
 
+def test_a_section_marks_runs_that_are_not_to_be_trusted(make_result: Callable[..., Result], tmp_path: Path) -> None:
+    store = Store(tmp_path / "store")
+    doubted = {"quantity": "twist", "status": "not_trusted", "factor": None, "reasons": ["seen"], "hints": ["do"]}
+    rows = []
+    for name, verdicts in (("good", []), ("bad", [doubted])):
+        make_result(rows=1000, recording_id=name, verdicts=verdicts).write(Path(store.result(name)))
+        rows.append(done_row(Run(name, f"/recordings/{name}", "7"), Path(store.result(name))))
+    store.write(rows)
+    html = page(store, "/section?line=7&from=200")
+    assert "bad, not to be trusted in this run: twist." in html
+    assert "bad (doubted)" in html
+    assert "good (doubted)" not in html
+
+
 @pytest.mark.parametrize("name", ["geometry.parquet", "summary.json"])
 def test_a_result_is_checked_before_it_is_shown(name: str, make_result: Callable[..., Result], tmp_path: Path) -> None:
     store = Store(tmp_path / "store")

@@ -1,8 +1,11 @@
 from __future__ import annotations
 
+import pandas as pd
 import pytest
 
-from trackfg.report.runs.overlay_page import runs_chart
+from trackfg.mapping.runs.run_alignment import SHIFT_COLUMNS
+from trackfg.mapping.runs.run_overlay import DIFFERENCE_COLUMNS, RunOverlay
+from trackfg.report.runs.overlay_page import overlay_page, runs_chart
 from trackfg.results.columns import RAIL_COLUMNS
 from trackfg.results.result import Result
 
@@ -18,3 +21,14 @@ def test_runs_of_rails_and_of_the_centre_line_share_a_chart(result: Result, rail
     assert list(lines)[:4] == ["level", "alignment", "level\nleft rail", "level\nright rail"]
     assert lines["level"] == lines["twist"] == [("one", True), ("two", False)]
     assert lines["level\nleft rail"] == ([("one", True)] if rails_first else [("two", False)])
+
+
+def test_a_run_that_is_not_to_be_trusted_is_marked(result: Result) -> None:
+    shifts = pd.DataFrame([("bad", 0.0, 100.0)], columns=["run", "from_m", "to_m"])
+    shifts = shifts.reindex(columns=list(SHIFT_COLUMNS), fill_value=0.1)
+    differences = pd.DataFrame(columns=list(DIFFERENCE_COLUMNS))
+    overlay = RunOverlay(("good", "bad"), shifts, (result.geometry, result.geometry), differences)
+    html = overlay_page(overlay, "trackfg overlay", {"good": "", "bad": "twist"}).html()
+    assert "bad, not to be trusted in this run: twist." in html
+    assert "bad (doubted)" in html
+    assert "good (doubted)" not in html

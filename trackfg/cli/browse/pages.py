@@ -27,6 +27,7 @@ from trackfg.report.page import Code, Facts, Page, PageSection, Text
 from trackfg.report.sources import page_of
 from trackfg.report.store.addresses import LINE, PROGRESS, RUN, SECTION, STORE, line_address, section_address
 from trackfg.report.store.line_page import line_page
+from trackfg.report.store.run_list import doubted
 from trackfg.report.store.section_page import RunOverSection, section_page
 from trackfg.report.store.store_page import StoreContent, store_page
 from trackfg.results.result import RESULT_FOLDER
@@ -135,7 +136,10 @@ class StorePages:
         over = [row for row in rows if row["status"] == "done" and _overlaps(row, ends)]
         over.sort(key=lambda row: (row["start"] or NO_DATE, row["run"]))
         shown = over if query.get("runs") == "all" else over[-NEWEST_RUNS:]
-        runs = [RunOverSection(row["run"], row["start"], self._between(row["run"], ends)) for row in shown]
+        runs = [
+            RunOverSection(row["run"], row["start"], self._between(row["run"], ends), doubt)
+            for row, doubt in zip(shown, doubted(_table(shown)), strict=True)
+        ]
         others = section_address(line, from_m, every_run=True) if len(shown) < len(over) else ""
         dated = series if series is not None and series.dates[-1] != NO_DATE else None
         return section_page(line, ends, [run for run in runs if len(run.geometry) > 1], dated, others)

@@ -18,6 +18,7 @@ from trackfg.report.consistency import named
 from trackfg.report.geometry_charts import chainage_axis, channels_of_any
 from trackfg.report.numbers import digits, length
 from trackfg.report.page import Code, Drawing, Page, PageSection, PageTable, TableRow, Text, Tile, Tiles, folded_if_long
+from trackfg.results.verdict import NOT_TRUSTED
 
 if TYPE_CHECKING:
     from trackfg.mapping.runs.run_overlay import RunOverlay
@@ -26,17 +27,18 @@ _PLACE_M = 1e-3
 """Accuracy of the chainage in the page, m."""
 
 
-def overlay_page(overlay: RunOverlay, command: str) -> Page:
-    """Return the page; ``command`` is what made it."""
+def overlay_page(overlay: RunOverlay, command: str, doubts: Mapping[str, str]) -> Page:
+    """Return the page; ``command`` is what made it, ``doubts`` of each run which quantities are not to be trusted."""
     reference = overlay.geometries[0]["chainage_m"].to_numpy()
     unit, scale = chainage_axis(reference)
     x_range = whole_range(scale * reference)
-    chart = runs_chart(_colours(overlay.names), overlay.geometries, whole_range(reference), first_wide=True)
+    colours = {marked(name, doubts): colour for name, colour in _colours(overlay.names).items()}
+    chart = runs_chart(colours, overlay.geometries, whole_range(reference), first_wide=True)
     title = ", ".join(overlay.names)
     subtitle = f"{len(overlay.names)} runs over the chainage of {overlay.names[0]}"
     sections = (
         _summary(overlay),
-        PageSection("runs", "All runs", (Drawing(chart, note=_NOTE),)),
+        PageSection("runs", "All runs", (*doubt_texts(doubts), Drawing(chart, note=_NOTE))),
         _shift_section(overlay, unit, scale, x_range),
         _repeatability_section(overlay.repeatability),
         PageSection("made", "How it was made", (Text("This page was made by"), Code(command))),
@@ -48,6 +50,16 @@ _NOTE = (
     "Each run lies where it was recognised on the first, whose line is the wide one. Click a name to hide it, "
     "double-click to see it alone."
 )
+
+
+def marked(name: str, doubts: Mapping[str, str]) -> str:
+    """Return the name of a run as a chart has it: marked where some of its quantities are not to be trusted."""
+    return f"{name} (doubted)" if doubts.get(name) else name
+
+
+def doubt_texts(doubts: Mapping[str, str]) -> list[Text]:
+    """Return a warning for each run of which some quantities are not to be trusted."""
+    return [Text(f"{name}, {NOT_TRUSTED} in this run: {doubt}.", "warning") for name, doubt in doubts.items() if doubt]
 
 
 def _colours(names: tuple[str, ...]) -> dict[str, str]:

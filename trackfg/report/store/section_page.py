@@ -17,7 +17,7 @@ from trackfg.report.columns import packed, packed_sigma, packed_value
 from trackfg.report.consistency import named
 from trackfg.report.numbers import with_sd
 from trackfg.report.page import Block, Drawing, Page, PageSection, PageTable, TableRow, Text
-from trackfg.report.runs.overlay_page import runs_chart
+from trackfg.report.runs.overlay_page import doubt_texts, marked, runs_chart
 from trackfg.report.store.addresses import STORE, line_address, run_address
 
 if TYPE_CHECKING:
@@ -33,11 +33,12 @@ _DAY_STEP = 0.01
 
 @dataclass(frozen=True)
 class RunOverSection:
-    """A run's name, when it began (None: not known), and its geometry over the section."""
+    """A run's name, when it began (None: not known), its geometry over the section, and what of it is not trusted."""
 
     run: str
     start: datetime | None
     geometry: pd.DataFrame
+    doubt: str = ""
 
     @property
     def label(self) -> str:
@@ -65,11 +66,12 @@ def _overlay(runs: Sequence[RunOverSection], ends_m: tuple[float, float]) -> tup
     if not runs:
         return (Text("No run covers this section."),)
     shares = np.linspace(0.0, 1.0, len(runs)) if len(runs) > 1 else np.ones(1)
-    colours = {run.label: _colour(float(share)) for run, share in zip(runs, shares, strict=True)}
+    doubts = {run.label: run.doubt for run in runs}
+    colours = {marked(run.label, doubts): _colour(float(share)) for run, share in zip(runs, shares, strict=True)}
     span = runs[0].label if len(runs) == 1 else f"from {runs[0].label} to {runs[-1].label}"
     note = f"Each run lies at the chainage that its result gives it; the older it is, the fainter: {span}."
     chart = runs_chart(colours, [run.geometry for run in runs], ends_m)
-    return (Drawing(replace(chart, legend=len(runs) <= _MOST_NAMED), note=note),)
+    return (*doubt_texts(doubts), Drawing(replace(chart, legend=len(runs) <= _MOST_NAMED), note=note))
 
 
 def _colour(share: float) -> str:
