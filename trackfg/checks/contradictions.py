@@ -53,10 +53,12 @@ def contradictions(recording: Recording, estimates: Estimates, limits: CheckLimi
     return [
         *_axes(estimates.axes, force),
         *_columns(description.imu, force),
+        *_mounting(force, limits),
         *_clock(description.tach, estimates.clock_offset),
         *_bias(recording, estimates.static_bias),
         *_noise(estimates.noise_density, limits),
         *_speed(description.tach, force, limits),
+        *_curves(description.tach, estimates, limits),
         *_silence(description.tach, estimates.silent_spans),
         *_wheel(description.tach, estimates.wheel_scale_fixes, force, limits),
         *_wheel(description.tach, estimates.wheel_scale_gnss, force, limits),
@@ -123,6 +125,22 @@ def _in_sensor_axes(imu: Imu, signs: Signs) -> np.ndarray:
 
 def _listed(names: Sequence[str]) -> str:
     return ("column " if len(names) == 1 else "columns ") + " and ".join(repr(name) for name in names)
+
+
+def _mounting(force: ForceFit | None, limits: CheckLimits) -> list[Finding]:
+    """A sensor that is turned against the direction of travel, by what it feels of accelerations."""
+    if force is None:
+        return []
+    turns = (("pitch", force.pitch, ("below", "above")), ("yaw", force.yaw, ("to the left of", "to the right of")))
+    found = []
+    for name, angle, ways in turns:
+        if angle is None or not angle.exceeds(limits.mounting_deg):
+            continue
+        size, way = f"{abs(angle.value_deg):.1f} deg (sd {angle.sd_deg:.1f} deg)", ways[int(angle.value_deg < 0.0)]
+        message = f"the sensor points {size} {way} the direction of travel, by the accelerations that it feels"
+        hint = f"turn imu.mount_rpy_deg by {name} {angle.value_deg:.1f} deg, or have it estimated"
+        found.append(_warning("mounting", message, "imu.mount_rpy_deg", f"within {limits.mounting_deg:g} deg", hint))
+    return found
 
 
 def _clock(tach: Tach | None, offset: ClockOffset | None) -> list[Finding]:
@@ -229,6 +247,25 @@ def _silence(tach: Tach | None, spans: Sequence[SilentSpan]) -> list[Finding]:
         about = Finding("warning", code, message, file=tach.file, column=tach.column, expected="motion", hint=hint)
         found.append(replace(about, time_s=longest.start_s))
     return found
+
+
+def _curves(tach: Tach | None, estimates: Estimates, limits: CheckLimits) -> list[Finding]:
+    """A wheel that is off by some percent, by the force of curves, where neither fixes nor GNSS tell its scale."""
+    force, low, high = estimates.force, 1.0 / limits.lateral_scale, limits.lateral_scale
+    if tach is None or force is None or estimates.wheel_scale_fixes or estimates.wheel_scale_gnss:
+        return []
+    lateral, forward = force.lateral, force.forward
+    if lateral is None or lateral.correlation < _SURE_CORRELATION or not lateral.excludes(low, high):
+        return []
+    if forward is None or forward.excludes(1.0 / limits.speed_scale, limits.speed_scale) or lateral.excludes(0.5, 2.0):
+        return []  # the tach's unit or the gyro's
+    message = (
+        f"lateral force in curves is {lateral.value:.3f} times what speed and gyro imply "
+        f"(surely {lateral.low:.3f} to {lateral.high:.3f})"
+    )
+    key, hint = _rescaled(tach, lateral.value)
+    hint = f"{hint}; or check the gyro's scale"
+    return [_warning("curve-scale", message, key, f"1 within {100.0 * (high - 1.0):.0f} %", hint)]
 
 
 def _wheel(tach: Tach | None, wheel: WheelScale | None, force: ForceFit | None, limits: CheckLimits) -> list[Finding]:

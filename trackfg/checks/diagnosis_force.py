@@ -19,7 +19,7 @@ import pandas as pd
 from trackfg.checks.diagnosis_axes import AxesEstimate
 from trackfg.checks.diagnosis_clock import ClockOffset, estimate_clock_offset, on_imu_clock
 from trackfg.checks.diagnosis_gyro import estimate_gyro_columns, is_refused, unexplained
-from trackfg.checks.diagnosis_speed import Slope, forward_slope, lateral_slope
+from trackfg.checks.diagnosis_speed import Angle, Slope, forward_slope, lateral_slope, turned_aside
 from trackfg.checks.force_balance import FEWEST_BLOCKS, ForceBalance, force_balance
 from trackfg.numerics.arrays import Array
 from trackfg.recording.model import IMU_COLUMNS, Recording
@@ -39,7 +39,8 @@ _SURE_CORRELATION = 0.8
 class ForceFit:
     """``forward`` and ``lateral``: slopes of :mod:`trackfg.checks.diagnosis_speed`. ``accel`` and ``gyro``: the
     vehicle's axes from the declared ones, by what the data show. ``contradiction``: the power of force that the
-    declared columns leave unexplained over what the best ones leave.
+    declared columns leave unexplained over what the best ones leave. ``pitch`` and ``yaw``: how far the sensor points
+    below the direction of travel and to the left of it, as it is declared; None where the columns are wrong, too.
     """
 
     forward: Slope | None
@@ -47,6 +48,8 @@ class ForceFit:
     contradiction: float
     accel: Signs
     gyro: Signs
+    pitch: Angle | None = None
+    yaw: Angle | None = None
 
     @property
     def axes_are_wrong(self) -> bool:
@@ -74,12 +77,16 @@ def fit_force(recording: Recording, axes: AxesEstimate, clock: ClockOffset | Non
     scaled = balance if not sure else force_balance(facing.imu, facing.tach, speed_scale=sure[0]) or balance
     found = estimate_gyro_columns(scaled)
     accel, gyro = _fewest_edits(turn, found.matrix @ turn) if found.is_wrong else (turn, turn)
+    as_declared = np.array_equal(turn, np.eye(3)) and not found.is_wrong
+    pitch, yaw = turned_aside(scaled, np.eye(3)) if as_declared else (None, None)
     return ForceFit(
         forward_slope(balance, found.matrix),
         lateral_slope(scaled, found.matrix),
         found.contradiction,
         _by_rows(accel),
         _by_rows(gyro),
+        pitch,
+        yaw,
     )
 
 

@@ -1,4 +1,4 @@
-"""The tach's scale and the gyro's, from the force that acceleration and curves need.
+"""The tach's scale, the gyro's and how the sensor is turned, from the force that acceleration and curves need.
 
 In the force balance (:mod:`trackfg.checks.force_balance`) forward force, less what the pitch rate implies, is k times
 the tach's acceleration, and lateral force, less what the roll rate implies, k times speed times yaw rate; k is 1 where
@@ -8,6 +8,10 @@ Both sides are noisy, so the slope of y on x is too small and that of x on y, in
 y that are independent, the true k lies between the two (Frisch 1934). Each has the sigma of its leave-one-block-out
 (jackknife) values; :attr:`Slope.low` and :attr:`Slope.high` add what Student's distribution for so many blocks makes of
 three sigmas.
+
+A sensor that points to the left of the direction of travel by an angle a feels ``-sin(a)`` of the acceleration across,
+and one that points below it by b ``sin(b)`` of it upwards. These are slopes of what the balance leaves of lateral and
+vertical force on the acceleration, beside the other products of small angles (:meth:`ForceBalance.by_tilt`).
 """
 
 from __future__ import annotations
@@ -40,6 +44,18 @@ class Slope:
         return near > high or far < low
 
 
+@dataclass(frozen=True)
+class Angle:
+    """An angle with its sigma, deg."""
+
+    value_deg: float
+    sd_deg: float
+
+    def exceeds(self, limit_deg: float) -> bool:
+        """Return whether its magnitude is surely larger than a limit."""
+        return abs(self.value_deg) - _SIGMAS * self.sd_deg > limit_deg
+
+
 def forward_slope(balance: ForceBalance, P: Array) -> Slope | None:
     """Return the slope of forward force, less what rates mixed by ``P`` (3, 3) imply, on the tach's acceleration."""
     return slope_of(balance.acceleration, balance.force[0] - balance.predicted(P)[0], balance.block)
@@ -49,6 +65,28 @@ def lateral_slope(balance: ForceBalance, P: Array) -> Slope | None:
     """Return the slope of lateral force, less what the other rates imply, on speed times yaw rate."""
     expected = np.tensordot(P[2], balance.terms[1, 2], axes=1)
     return slope_of(expected, balance.force[1] - (balance.predicted(P)[1] - expected), balance.block)
+
+
+def turned_aside(balance: ForceBalance, P: Array) -> tuple[Angle | None, Angle | None]:
+    """Return by how much the sensor points below the direction of travel and to the left of it, pitch and yaw."""
+    left = balance.force - balance.predicted(P)
+    up, across = (_share_of_acceleration(balance, left[equation], equation) for equation in (2, 1))
+    return up, None if across is None else Angle(-across.value_deg, across.sd_deg)
+
+
+def _share_of_acceleration(balance: ForceBalance, force: Array, equation: int) -> Angle | None:
+    """Return the share of the acceleration in a force (n,) as an angle; None where too few blocks show any."""
+    columns = [balance.acceleration, balance.turned[2], *([balance.moving[2]] if equation == 2 else [])]
+    A = np.stack(columns, axis=1)
+    blocks = [balance.block == number for number in np.unique(balance.block)]
+    normal = np.array([A[rows].T @ A[rows] for rows in blocks])
+    right = np.array([A[rows].T @ force[rows] for rows in blocks])
+    if np.count_nonzero(normal[:, 0, 0]) < FEWEST_BLOCKS or np.linalg.matrix_rank(A) < A.shape[1]:
+        return None
+    share = float(np.linalg.solve(normal.sum(axis=0), right.sum(axis=0))[0])
+    others = np.linalg.solve(normal.sum(axis=0) - normal, (right.sum(axis=0) - right)[..., None])[:, 0, 0]
+    value, *around = np.degrees(np.arcsin(np.clip([share, *others], -1.0, 1.0)))
+    return Angle(float(value), jackknife_sd(np.array(around), float(value)))
 
 
 def slope_of(x: Array, y: Array, block: NDArray[np.int64]) -> Slope | None:

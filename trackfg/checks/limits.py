@@ -54,5 +54,11 @@ class CheckLimits:
     """Force over the tach's acceleration, and its inverse: springs and slips make less of it (1.05 is the largest
     that tools/real_data.py prints), a wrong wheel more.
     """
+    lateral_scale: float = 1.05
+    """Lateral force over what speed and gyro imply, and its inverse, that a wheel or a gyro makes surely: springs make
+    up to 0.95 of it, which is sure to 0.97 (scenarios rough-ride and measuring-car; 1.01 in a car, Kingston).
+    """
+    mounting_deg: float = 3.0
+    """Pitch and yaw of the sensor against the direction of travel: 1 is the largest of scenarios and real drives."""
     delay_s: float = 0.1
     """Positions and fixes that are less late are no finding, s."""

@@ -94,9 +94,17 @@ def _axes(axes: Mapping[str, Any]) -> dict[str, str]:
 
 
 def _force(force: Mapping[str, Any]) -> dict[str, str]:
-    """Return the slopes of the force balance, which are 1 where the description is right."""
+    """Return the slopes of the force balance, which are 1 where the description is right, and how the sensor points."""
     slopes = {"forward force over the tach's": "forward", "lateral force over speed times yaw rate": "lateral"}
-    return {title: _slope(force.get(name)) for title, name in slopes.items()}
+    angles = {"sensor below the direction of travel": "pitch", "sensor to the left of it": "yaw"}
+    return {
+        **{title: _slope(force.get(name)) for title, name in slopes.items()},
+        **{title: _angle(force.get(name)) for title, name in angles.items()},
+    }
+
+
+def _angle(angle: Mapping[str, float] | None) -> str:
+    return f"{angle['value_deg']:+.2f} ± {angle['sd_deg']:.2f} deg" if angle else ""
 
 
 def _clocks(tach: Mapping[str, Any] | None, positions: Mapping[str, Any]) -> dict[str, str]:

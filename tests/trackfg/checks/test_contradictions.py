@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -20,6 +20,7 @@ from trackfg.datasets.scenarios import simulate
 from trackfg.datasets.sensors.positioning import BaliseModel
 from trackfg.datasets.vehicle.driving import Service
 from trackfg.datasets.vehicle.motion import Limits
+from trackfg.numerics.rotations import so3_exp
 from trackfg.recording.model import IMU_COLUMNS, Recording
 
 GYRO, FORCE = list(IMU_COLUMNS[1:4]), list(IMU_COLUMNS[4:7])
@@ -37,7 +38,7 @@ def sound() -> Recording:
     return replace(recording, description=recording.description.model_copy(update={"tach": speed}))
 
 
-def mixed(columns: list[str], *rows: tuple[int, int, int]) -> Spoil:
+def mixed(columns: list[str], *rows: Sequence[float]) -> Spoil:
     """Write what the rows of a matrix make of a sensor's columns."""
 
     def spoil(recording: Recording) -> Recording:
@@ -90,6 +91,12 @@ def turned_left(recording: Recording) -> Recording:
     return mixed(FORCE, *rows)(mixed(GYRO, *rows)(recording))
 
 
+def turned(axis: str, degrees: float) -> Spoil:
+    """Turn both sensors about an axis of the vehicle."""
+    rows = so3_exp(np.radians(degrees) * (np.array(list("xyz")) == axis)).T
+    return lambda recording: mixed(FORCE, *rows)(mixed(GYRO, *rows)(recording))
+
+
 def kept(table: str, first_s: float) -> Spoil:
     """Leave the rows before a time out."""
 
@@ -129,6 +136,9 @@ MISTAKES: dict[str, tuple[Spoil, set[str], str]] = {
     "forces x and y exchanged": (
         mixed(FORCE, Y, X, Z), {"accel-columns"}, 'set imu.accel = ["fy_mps2", "fx_mps2", "fz_mps2"]'),
     "the sensor turned by a quarter": (turned_left, {"forward-axis"}, 'set imu.axes = "RFU"'),
+    "the sensor points to the left": (
+        turned("z", 6.0), {"mounting"}, "deg) to the left of the direction of travel"),
+    "the sensor points down": (turned("y", 6.0), {"mounting"}, "deg) below the direction of travel"),
     "km/h taken for m/s": (
         scaled("tach", 3.6, "distance_m"), {"speed-scale", "wheel-scale"}, 'set tach.unit = "km/h"'),
     "m/s taken for km/h": (
@@ -164,6 +174,15 @@ def test_a_mistake_is_named(mistake: str, sound: Recording) -> None:
     lines = {finding.code: str(finding) for finding in findings if finding.level != "info"}
     assert set(lines) == expected
     assert any(text in line for line in lines.values()), lines
+
+
+def test_a_wheel_that_neither_fixes_nor_gnss_test_is_tested_by_curves(sound: Recording) -> None:
+    alone = replace(sound, fixes=None, gnss=None)
+    assert not diagnose(alone)[1]
+    assert {finding.code for finding in diagnose(scaled("tach", 1 / 1.07, "distance_m")(sound))[1]} == {"wheel-scale"}
+    (finding,) = diagnose(scaled("tach", 1 / 1.07, "distance_m")(alone))[1]
+    assert finding.code == "curve-scale"
+    assert "must be multiplied by 1.07" in str(finding.hint)
 
 
 def test_a_few_garbled_samples_are_no_reason_to_exchange_columns(sound: Recording) -> None:

@@ -37,13 +37,15 @@ SPOILED: dict[str, tuple[Quantity, ...]] = {
 """The quantities that each finding makes untrustworthy, by its code."""
 
 
+_ESTIMATED = ("mounting",)
+"""Findings of which a result has its own, with the estimate of the whole run (:mod:`trackfg.smoothing.wide_priors`)."""
 _HINT = "cut the recording to the time in which the tach has rows"
 
 
 def recording_findings(recording: Recording, limits: CheckLimits) -> tuple[Finding, ...]:
-    """Return the errors and warnings that ``trackfg check`` has for the recording's contents."""
+    """Return the errors and warnings that ``trackfg check`` has for the contents, but for what is estimated."""
     found = contradictions(recording, estimates_of(recording), limits)
-    return tuple(finding for finding in found if finding.level != "info")
+    return tuple(finding for finding in found if finding.level != "info" and finding.code not in _ESTIMATED)
 
 
 def recording_doubts(recording: Recording, findings: Sequence[Finding]) -> tuple[Doubt, ...]:
