@@ -166,6 +166,8 @@ def trends(options: TrendChoices) -> None:
     with working("trends"):
         found = find_trends(runs, feature_map, chosen, floor_mm_per_month=options.floor, load=load)
     found = replace(found, left_out={**missing, **found.left_out})
+    for doubt in found.doubts.values():
+        complain(f"trackfg: warning: {printable(doubt)}")
     if options.out is not None:
         found.write(options.out)
     written = [] if options.out is None else [f"trends: {options.out}"]

@@ -68,7 +68,7 @@ class Trends(Outlined):
     ``per``: what rates are per, ``month`` or ``mt``, a million tonnes. ``cells`` and ``sections`` have every quantity's
     rate and its value at the last date, with sigmas, of sections those of the standard deviation; ``values`` and
     ``section_values`` what every run says. ``left_out``: runs that are not recognised on the map, and limits that
-    nothing is held against, with the reason.
+    nothing is held against, with the reason. ``doubts``: runs that count, but seem to be of another track, likewise.
     """
 
     trends: pd.DataFrame
@@ -80,6 +80,7 @@ class Trends(Outlined):
     section_values: pd.DataFrame
     per: str = "month"
     left_out: dict[str, str] = field(default_factory=dict)
+    doubts: dict[str, str] = field(default_factory=dict)
 
     @property
     def unit(self) -> str:
@@ -91,7 +92,7 @@ class Trends(Outlined):
         tables = {
             name: json.loads(getattr(self, name).to_json(orient="records", double_precision=15)) for name in _FOR_PEOPLE
         }
-        content = {"format": FORMAT, "per": self.per, **tables, "left_out": self.left_out}
+        content = {"format": FORMAT, "per": self.per, **tables, "left_out": self.left_out, "doubts": self.doubts}
         return json.dumps(content, indent=2, allow_nan=False)
 
     def write(self, folder: str | os.PathLike[str]) -> Path:
@@ -119,7 +120,8 @@ class Trends(Outlined):
             places = small["trends"]["at_m"].to_numpy(dtype=np.float64)
             large = {name: read_frame(content[f"{name}.parquet"]) for name in _LARGE if name != "values"}
             values = _rows_at(content["values.parquet"], places)
-            trends = cls(**small, **large, values=values, per=head.get("per", "month"), left_out=head["left_out"])
+            reasons = {"left_out": head["left_out"], "doubts": head.get("doubts", {})}
+            trends = cls(**small, **large, values=values, per=head.get("per", "month"), **reasons)
             trends.refuse_unsound()
         except (ValueError, TypeError, KeyError, OSError) as error:
             raise BadInputError(f"{folder}: not a readable trackfg folder of trends: {error}") from error
@@ -129,8 +131,9 @@ class Trends(Outlined):
         """Raise ``ValueError`` for a table without its columns, places or dates, and for numbers that are none."""
         if self.per not in _PER:
             raise ValueError(f"{_HEAD}: per is {self.per!r:.40}: expected one of {', '.join(_PER)}")
-        if not (isinstance(self.left_out, dict) and all(isinstance(why, str) for why in self.left_out.values())):
-            raise ValueError(f"{_HEAD}: left_out: expected a reason for each name")
+        for key, reasons in (("left_out", self.left_out), ("doubts", self.doubts)):
+            if not (isinstance(reasons, dict) and all(isinstance(why, str) for why in reasons.values())):
+                raise ValueError(f"{_HEAD}: {key}: expected a reason for each name")
         for name, columns in columns_of(self.per).items():
             refuse_other_than_numbers(f"{name}.csv", getattr(self, name), columns, TEXTS)
         for name in ("cells", "sections"):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -11,6 +12,7 @@ from trackfg.datasets.line.line_file import read_line_file
 from trackfg.datasets.scenarios import scenario, simulate
 from trackfg.mapping import build_map, find_changes, with_runs
 from trackfg.mapping.joining.build import Joining
+from trackfg.mapping.trends.series import series
 from trackfg.results.result import Result
 from trackfg.smoothing.smoother import smooth
 
@@ -39,6 +41,21 @@ def passed(tmp_path_factory: pytest.TempPathFactory) -> Callable[[int, int], Res
     path.write_text(LINE, encoding="utf-8")
     plan = scenario("mainline").on(read_line_file(path))
     return lambda track, run: smooth(simulate(plan, seed=track, run=run, duration_s=200.0).recording)
+
+
+def dated(result: Result, month: int) -> Result:
+    assert result.summary.run is not None
+    facts = result.summary.run.model_copy(update={"start": f"2026-{month:02d}-05T03:12:00Z"})
+    return replace(result, summary=result.summary.model_copy(update={"run": facts}))
+
+
+def test_trends_name_a_run_on_the_track_beside(passed: Callable[[int, int], Result]) -> None:
+    runs = [dated(passed(0, run), 1 + run) for run in range(3)]
+    feature_map, beside = build_map(runs[:2], name="up"), dated(passed(1, 0), 4)
+    found, left_out = series([*runs, beside], feature_map)
+    assert not left_out
+    (said,) = found.doubts.values()
+    assert said.startswith(f"run {beside.summary.recording_id}: its curves are those of the map 'up', but")
 
 
 def test_a_run_on_the_track_beside_is_named(passed: Callable[[int, int], Result]) -> None:

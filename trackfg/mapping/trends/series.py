@@ -8,7 +8,7 @@ the sensor's cannot be separated from the track's.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from datetime import datetime
 from typing import Any
 
@@ -19,6 +19,7 @@ from trackfg.errors import BadInputError
 from trackfg.mapping.changes.find import find_changes
 from trackfg.mapping.changes.overlay import SUMMARY_M, without_gaps
 from trackfg.mapping.joining.build import JoinableRun
+from trackfg.mapping.recognition.other_track import other_track_message
 from trackfg.mapping.trends.drift import FEWEST_RUNS
 from trackfg.mapping.trends.wear import DAY_S
 from trackfg.maps.feature_map import FeatureMap
@@ -40,7 +41,8 @@ class Series(Outlined):
     """Values and sigmas by quantity, (n, m), of n runs in the order of their dates at m places.
 
     ``chainage_m`` (m,): of cells, or where sections begin. ``t_days`` (n,) from the first date; ``runs`` their names.
-    ``sensors``: the one that each ran with, in its mounting.
+    ``sensors``: the one that each ran with, in its mounting. ``doubts``: by name runs that are of another track, as far
+    as their irregularities tell, in a sentence.
     """
 
     runs: tuple[str, ...]
@@ -50,6 +52,7 @@ class Series(Outlined):
     value: dict[str, Array]
     sd: dict[str, Array]
     sensors: tuple[str, ...]
+    doubts: dict[str, str] = field(default_factory=dict)
 
     @property
     def t_days(self) -> Array:
@@ -76,13 +79,17 @@ def series(results: Sequence[Result | JoinableRun], feature_map: FeatureMap) -> 
     """
     dated = sorted(((_date(result.summary), result) for result in results), key=lambda pair: pair[0])
     names = _names([result.summary for _, result in dated])
-    seen, left_out = [], {}
+    seen, left_out, doubts = [], dict[str, str](), dict[str, str]()
     for run, (date, result) in zip(names, dated, strict=True):
         try:
             read = result.read() if isinstance(result, JoinableRun) else result
-            seen.append((date, run, find_changes(read, feature_map).cells, sensor_of(result.summary)))
+            changes = find_changes(read, feature_map)
         except BadInputError as error:
             left_out[run] = str(error).removeprefix(f"run {result.summary.recording_id}: ")
+            continue
+        seen.append((date, run, changes.cells, sensor_of(result.summary)))
+        if changes.other_track:
+            doubts[run] = other_track_message(run, feature_map.name)
     if (different := len({date for date, *_ in seen})) < FEWEST_RUNS:
         reasons = "".join(f"; {reason}" for reason in left_out.values())
         raise BadInputError(f"{different} runs of different dates; a trend needs at least {FEWEST_RUNS}{reasons}")
@@ -99,7 +106,7 @@ def series(results: Sequence[Result | JoinableRun], feature_map: FeatureMap) -> 
             values[name][row, places] = on_map[name].to_numpy()[places] + change[name].to_numpy()
             sd[name][row, places] = change[f"{name}_sd"].to_numpy()
     dates, runs, _, sensors = zip(*seen, strict=True)
-    return Series(runs, dates, every * step, step, values, sd, sensors), left_out
+    return Series(runs, dates, every * step, step, values, sd, sensors, doubts), left_out
 
 
 def sensor_of(summary: Summary) -> str:

@@ -70,7 +70,8 @@ def find_trends(
     twist_base_m = results[0].summary.geometry.twist_base_m
     followed, not_followed = _followed(limits, feature_map.conventions, twist_base_m)
     found = trends_of(by_cell, followed, feature_map.conventions.chord_m, floor_mm_per_month, load)
-    return replace(found, left_out={**{f"run {run}": reason for run, reason in left_out.items()}, **not_followed})
+    left_out = {f"run {run}": reason for run, reason in left_out.items()}
+    return replace(found, left_out={**left_out, **not_followed}, doubts=by_cell.doubts)
 
 
 def trends_of(

@@ -70,9 +70,10 @@ def _summary(found: Trends) -> tuple[Block, ...]:
             Tile("looked at", length(float(np.ptp(found.cells["chainage_m"])))),
         )
     )
+    doubts = (Text(doubt, "warning") for doubt in found.doubts.values())
     if not found.left_out:
-        return (tiles,)
-    return tiles, Text("Left out:", "warning"), Facts(tuple(found.left_out.items()))
+        return (tiles, *doubts)
+    return (tiles, *doubts, Text("Left out:", "warning"), Facts(tuple(found.left_out.items())))
 
 
 def _reached(found: Trends) -> tuple[Block, ...]:

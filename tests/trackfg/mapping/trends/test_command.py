@@ -125,7 +125,7 @@ def test_recordings_with_one_id_are_told_apart_by_what_they_measured(
 ) -> None:
     chainage = 0.25 * np.arange(100)
     columns = {n: np.ones(100) for q in QUANTITIES for n in (q, f"{q}_sd")}
-    changes = SimpleNamespace(cells=pd.DataFrame({"chainage_m": chainage} | columns))
+    changes = SimpleNamespace(cells=pd.DataFrame({"chainage_m": chainage} | columns), other_track=False)
     monkeypatch.setattr("trackfg.mapping.trends.series.find_changes", lambda result, feature_map: changes)
     feature_map: Any = SimpleNamespace(grid=changes.cells, conventions=SimpleNamespace(step_m=0.25))
     facts = {"direction": 1, "anchored": False, "mount_roll_sd_rad": 0.0}
@@ -144,9 +144,8 @@ def test_the_twist_of_a_map_is_that_of_the_runs(
     chainage, level = 0.25 * np.arange(200), np.random.default_rng(3).standard_normal(200)
     on_map = pd.DataFrame({"chainage_m": chainage, **dict.fromkeys(QUANTITIES, level)})
     unchanged = pd.DataFrame({"chainage_m": chainage} | {n: 0.0 * level for q in QUANTITIES for n in (q, f"{q}_sd")})
-    monkeypatch.setattr(
-        "trackfg.mapping.trends.series.find_changes", lambda result, feature_map: SimpleNamespace(cells=unchanged)
-    )
+    changes = SimpleNamespace(cells=unchanged, other_track=False)
+    monkeypatch.setattr("trackfg.mapping.trends.series.find_changes", lambda result, feature_map: changes)
     facts = {"content_sha256": "0" * 64, "direction": 1, "anchored": False, "mount_roll_sd_rad": 0.0}
     meaning = make_result(rows=20).summary.geometry.model_copy(update={"twist_base_m": 3.0, "twist_anchor": "ahead"})
     runs = [
