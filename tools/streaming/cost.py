@@ -67,6 +67,7 @@ class RowFiles:
     until_s: float = np.inf
     canonical, live, length = True, False, None
     gnss_origin = None
+    first_rows = ""
 
     @property
     def description(self) -> RecordingDescription:

@@ -128,7 +128,8 @@ class Stream:
     @property
     def settings(self) -> dict[str, str]:
         """Digests by name; a stream with the same ones can go on from a checkpoint of this one."""
-        return {**self.smoother.settings, "source": type(self.source).__name__}
+        source = {"source": type(self.source).__name__, "recording": self.source.first_rows}
+        return {**self.smoother.settings, **source}
 
     @one_thread()
     def run(

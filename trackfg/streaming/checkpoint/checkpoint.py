@@ -60,7 +60,10 @@ class Checkpoint:
     def refuse_others(self, settings: Mapping[str, str]) -> None:
         """Raise :class:`BadInputError` unless these are its own settings."""
         names = sorted({*self.settings, *settings})
-        if changed := [name for name in names if self.settings.get(name) != settings.get(name)]:
+        changed = [name for name in names if self.settings.get(name) != settings.get(name)]
+        if "source" in changed and "recording" in changed:
+            changed.remove("recording")  # each kind of source tells its own in another way
+        if changed:
             raise BadInputError(
                 f"the checkpoint was made with another {', '.join(changed)}; "
                 "expected what the stream began with: anything else is a stream of its own"

@@ -28,6 +28,7 @@ class JsonLinesSource:
     canonical = False
     gnss_origin = None
     length = None
+    first_rows = ""
 
     def __init__(
         self,

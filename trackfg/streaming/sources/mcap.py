@@ -6,6 +6,7 @@ has. The description comes from the caller, or is the first message, topic ``des
 
 from __future__ import annotations
 
+import hashlib
 import io
 import struct
 from collections import Counter
@@ -31,6 +32,9 @@ except ImportError as error:
 
 LARGEST_RECORD = 256_000_000
 """Bytes of a record, packed or unpacked."""
+
+_TELLING_BYTES = 2**16
+"""Bytes by which a file is told from another one: beyond the description and the schemas they hold rows."""
 
 DESCRIPTION_TOPIC = "description"
 
@@ -59,6 +63,8 @@ class McapSource:
     ) -> None:
         self._path, self._batch_s, self._position = Path(path), batch_s, position
         self.description = self._first_message() if description is None else description
+        with self._path.open("rb") as file:
+            self.first_rows = hashlib.sha256(file.read(_TELLING_BYTES)).hexdigest()
 
     def __iter__(self) -> Iterator[Batch]:
         parser = RowParser(self.description, "message", self._batch_s)

@@ -9,6 +9,7 @@ import io
 import json
 import os
 from collections.abc import Callable, Collection
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -257,11 +258,13 @@ def test_other_settings_are_refused(saved: Checkpoint, recording: Recording) -> 
     other = description.model_copy(update={"id": "another"})
     config = SmoothConfig.model_validate({"output": {"rate_hz": 5.0}})
     rows = JsonLinesSource(io.BytesIO(), description)
+    again = replace(simulate("mainline", seed=3, run=1, duration_s=30.0).recording, description=description)
     for opened, smoother, named in (
         (source, FixedLagSmoother(description, lag_s=6.0), "lag"),
         (source, FixedLagSmoother(description, config, lag_s=LAG_S), "configuration"),
         (source, FixedLagSmoother(other, lag_s=6.0), "description, lag"),
         (rows, FixedLagSmoother(description, lag_s=LAG_S), "source"),
+        (RecordingSource(again), FixedLagSmoother(description, lag_s=LAG_S), "recording"),
     ):
         with pytest.raises(BadInputError, match=f"was made with another {named};"):
             Stream.of(opened, smoother, saved)
