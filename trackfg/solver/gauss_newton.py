@@ -129,6 +129,8 @@ def solve(
     ------
     UnsolvableError
         Where the measurements do not determine the states.
+    TypeError
+        For a ``config`` that is not such a section.
 
     Examples
     --------
@@ -139,6 +141,9 @@ def solve(
     >>> solve(build_problem(trackfg.read_recording("run1"), settings), settings.solver).converged
     True
     """
+    if not hasattr(config, "step_tolerance"):
+        given = type(config).__name__
+        raise TypeError(f"solve takes the section solver of settings, such as SmoothConfig().solver, not {given}")
     keyframes = len(problem.initial)
     variables = KEYFRAME_DIM * keyframes + SHARED_DIM + problem.initial.sensor.size
     states = problem.initial

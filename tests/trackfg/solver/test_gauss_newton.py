@@ -232,3 +232,8 @@ def test_progress_goes_on(problem: Problem) -> None:
     solve(problem, SolverConfig(), seen.append)
     assert seen == sorted(seen)
     assert 0 < seen[0] <= seen[-1] <= 1.0
+
+
+def test_whole_settings_in_place_of_their_section_are_refused(problem: Problem) -> None:
+    with pytest.raises(TypeError, match=r"solve takes the section solver of settings, .* not SmoothConfig"):
+        solve(problem, SmoothConfig())  # type: ignore[arg-type]
