@@ -1,6 +1,6 @@
 """The intake turns batches as a source gives them into sound, canonical rows in the order of time, and events.
 
-    timestamps -> reorder buffer -> faults of the IMU -> conversion -> gravity, row checks -> clock jumps
+    timestamps -> reorder buffer -> faults of the IMU -> conversion -> gravity, row checks, rates -> clock jumps
 
 :meth:`Intake.state` is everything that carries over from one batch to the next: an intake restored from it and given
 the batches that followed gives the same rows and events, bit by bit, as one that was never interrupted.
@@ -24,6 +24,7 @@ from trackfg.streaming.intake.clock_jumps import ClockJumps
 from trackfg.streaming.intake.conversion import Conversion
 from trackfg.streaming.intake.gravity_check import GravityCheck
 from trackfg.streaming.intake.imu_clock import ClockLimits
+from trackfg.streaming.intake.rate_check import RateCheck
 from trackfg.streaming.intake.reorder_buffer import ReorderBuffer
 from trackfg.streaming.intake.row_checks import RowChecks
 from trackfg.streaming.intake.timestamps import Timestamps
@@ -33,7 +34,7 @@ from trackfg.streaming.sources.source import Batch, Source
 
 @dataclass
 class Intake:
-    """The stages between a source and the estimator. Where the source's rows are canonical, three are left out.
+    """The stages between a source and the estimator. Where the source's rows are canonical, four are left out.
 
     ``rows_in`` and ``rows_out`` count rows; what is lost is in the ``report``.
     """
@@ -43,6 +44,7 @@ class Intake:
     timestamps: Timestamps | None
     conversion: Conversion | None
     gravity_check: GravityCheck | None
+    rate_check: RateCheck | None
     imu_faults: ImuFaultDetector
     row_checks: RowChecks
     clock_jumps: ClockJumps
@@ -69,6 +71,7 @@ class Intake:
             timestamps=None if canonical else Timestamps.of(description),
             conversion=None if canonical else Conversion(description),
             gravity_check=None if canonical else GravityCheck(checks),
+            rate_check=None if canonical else RateCheck(checks),
             imu_faults=ImuFaultDetector.of(description.imu, checks, is_canonical=canonical),
             row_checks=RowChecks.of(description, checks),
             clock_jumps=ClockJumps.of(description),
@@ -129,7 +132,12 @@ class Intake:
             self.gnss_origin = self.conversion.gnss_origin
         if self.gravity_check is not None and "imu" in tables:
             self.gravity_check.take(tables["imu"], self.description.imu)
-        return Rows.of(self.row_checks.sound(tables, self.report), until_s, self.gnss_origin)
+        tables = self.row_checks.sound(tables, self.report)
+        if self.rate_check is not None and "imu" in tables:
+            event = self.rate_check.take(tables["imu"], tables.get("tach"), self.description.imu)
+            if event is not None:
+                self.report.note(event)
+        return Rows.of(tables, until_s, self.gnss_origin)
 
     def _measurements(self, rows: Array) -> Array:
         measurements, faults = self.imu_faults.take(rows)
