@@ -157,6 +157,7 @@ def summary(result: Result) -> RenderableType:
         "track geometry": _geometry(result),
         **_solver(page),
         "wheel scale": _estimate(page.wheel_scale),
+        **{f"scale of {name}": _estimate(scale) for name, scale in page.further_scales.items()},
         "clock offset": _estimate(page.clock_offset_s, "s"),
         **_mounting(page.mounting),
         "gyro bias": _vector(page.gyro_bias_radps, _DEG_PER_H, "deg/h"),

@@ -190,8 +190,9 @@ class Summary(Model):
     """The run in one page. Biases are those at the end of the run; what was not estimated or determined is null.
 
     ``settings`` is what was asked for, defaults included, ``configuration`` what was used in the end, adapted noise
-    levels included; ``noise_ratios`` says, per group of factors, how large the residuals are against what its
-    sigmas lead to expect (1 is right; see :mod:`trackfg.solver.variance_components`). ``verdicts`` says whether the
+    levels included; ``further_scales`` has true over measured distance of each further sensor with rows, by the name of
+    its table, such as ``tach/2``. ``noise_ratios`` says, per group of factors, how large the residuals are against what
+    its sigmas lead to expect (1 is right; see :mod:`trackfg.solver.variance_components`). ``verdicts`` says whether the
     sigmas of each quantity can be believed; results of versions before it have none. ``solver`` and the biases are
     null where another system measured the geometry: nothing was smoothed.
     """
@@ -211,6 +212,7 @@ class Summary(Model):
     keyframes: int
     noise_ratios: dict[str, float] = Field(default_factory=dict)
     wheel_scale: Estimate | None = None
+    further_scales: dict[str, Estimate] = Field(default_factory=dict)
     clock_offset_s: Estimate | None = None
     mounting: Mounting | None = None
     gyro_bias_radps: VectorEstimate | None = None

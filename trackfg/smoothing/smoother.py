@@ -27,6 +27,7 @@ from trackfg.factors.factor_type import FactorType
 from trackfg.factors.states import Kind
 from trackfg.graph.balise_ties import with_balise_ties
 from trackfg.graph.build import Problem, build_problem, too_short
+from trackfg.graph.further_sensors import further_sensors
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.blas_threads import one_thread
 from trackfg.output.dense_motion import dense_motion, dense_step
@@ -407,6 +408,17 @@ def _mounting(solution: Solution, covariance: Covariance) -> Mounting:
     )
 
 
+def _further_scales(recording: Recording, solution: Solution, covariance: Covariance) -> dict[str, Estimate]:
+    """Return the scale of each further sensor that has rows, by the name of its table."""
+    value = solution.states.sensor
+    sd = np.sqrt(np.diagonal(covariance.of(Kind.SENSOR)[0])).reshape(value.shape)
+    return {
+        sensor.name: _scalar(solution, 1.0 + float(value[sensor.variable, 0]), float(sd[sensor.variable, 0]))
+        for sensor in further_sensors(recording.description)
+        if len(recording.others.get(sensor.name, ())) > 1
+    }
+
+
 def _summary(
     recording: Recording, settings: SmoothConfig, smoothed: SmoothedStates, correction: TachCorrection
 ) -> Summary:
@@ -444,6 +456,7 @@ def _summary(
         keyframes=len(problem.t),
         noise_ratios=smoothed.noise_ratios,
         wheel_scale=scalar(factor * last["wheel_scale"], abs(factor) * last["wheel_scale_sd"]) if has_tach else None,
+        further_scales=_further_scales(recording, solution, covariance),
         clock_offset_s=scalar(clock_s, clock_sd) if has_tach else None,
         mounting=_mounting(solution, covariance),
         gyro_bias_radps=bias("gyro_bias_{axis}_radps"),

@@ -356,6 +356,21 @@ def test_output_clock_is_uniform_and_as_fast_as_asked(simulated: Callable[..., S
     )
 
 
+@pytest.mark.parametrize(("name", "table"), [("slippery-line-two-axles", "tach/2"), ("slippery-line-radar", "speed/1")])
+def test_summary_has_the_scale_of_each_further_sensor(name: str, table: str) -> None:
+    recording = simulate(name, seed=1, duration_s=120.0).recording
+    (sensor,) = recording.others
+    rows = recording.others[sensor]
+    less = rows.assign(**{rows.columns[1]: rows.iloc[:, 1] / 1.004})
+    summary, scaled = (smooth(replace(recording, others={sensor: one})).summary for one in (rows, less))
+    assert list(summary.further_scales) == [table] == [sensor]
+    assert scaled.wheel_scale is not None
+    assert summary.wheel_scale is not None
+    ratio, other = (one.further_scales[table].value / one.wheel_scale.value for one in (summary, scaled))
+    assert other == pytest.approx(1.004 * ratio, abs=2e-4)
+    assert not smooth(replace(recording, others={})).summary.further_scales
+
+
 def test_summary_says_what_was_estimated(simulated: Callable[..., Simulation]) -> None:
     run = simulated("trolley", seed=0, duration_s=TOTAL_S)
     summary = smooth(run.recording).summary

@@ -54,6 +54,7 @@ def sensor_facts(result: Result) -> Facts:
             squares = f"{digits(2.0 * solver.cost / solver.degrees_of_freedom)}; 1 is right, less is cautious"
     facts = (
         ("recording", page.recording_id),
+        *((f"scale of {name}", _estimate(scale)) for name, scale in page.further_scales.items()),
         ("clock offset of the tachometer", _estimate(page.clock_offset_s, "s")),
         ("gyro bias x, y, z at the end", _vector(page.gyro_bias_radps, 1.0 / DEG_PER_H, "deg/h")),
         ("accelerometer bias x, y, z at the end", _vector(page.accel_bias_mps2, 1000.0, "mm/s²")),
