@@ -53,6 +53,10 @@ class UnsolvableError(TrackfgError):
     """
 
 
+class MissingLibraryError(TrackfgError):
+    """A library of an extra is not installed; the message has the command that installs it."""
+
+
 class OutputError(TrackfgError):
     """Output that cannot be written: a full disk, a closed pipe, no permission. What was written before is whole."""
 

@@ -5,11 +5,7 @@ from __future__ import annotations
 from importlib import import_module
 from types import ModuleType
 
-from trackfg.errors import TrackfgError
-
-
-class MissingLibraryError(TrackfgError):
-    """A library of an extra is not installed."""
+from trackfg.errors import MissingLibraryError
 
 
 def library(module: str, extra: str) -> ModuleType:

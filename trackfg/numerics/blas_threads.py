@@ -1,14 +1,22 @@
-"""Linear algebra on one thread: with many small matrices, several threads only wait for each other."""
+"""Linear algebra runs on one thread: with many small matrices, several only wait for each other.
+
+What a step need not wait for is computed on one thread beside it (:class:`ThreadBeside`).
+"""
 
 from __future__ import annotations
 
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
+from contextvars import copy_context
 from functools import cache
+from typing import Self, TypeVar
 
 import scipy.linalg.lapack  # noqa: F401  (with its library loaded, the controller finds it)
 from threadpoolctl import ThreadpoolController
+
+_Made = TypeVar("_Made")
 
 
 class _Depth(threading.local):
@@ -36,6 +44,23 @@ def one_thread() -> Iterator[None]:
             yield
     finally:
         _DEPTH.value -= 1
+
+
+class ThreadBeside:
+    """One thread makes calls beside the one that begins them, one after another; the ``with`` ends when all have."""
+
+    def __enter__(self) -> Self:
+        """Begin without a thread: the first call starts it."""
+        self._pool = ThreadPoolExecutor(max_workers=1)
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        """Wait for what was begun."""
+        self._pool.shutdown()
+
+    def begin(self, call: Callable[[], _Made]) -> Future[_Made]:
+        """Begin a call in the context of this thread, which settings of memory are part of."""
+        return self._pool.submit(copy_context().run, call)
 
 
 @cache

@@ -10,8 +10,6 @@ once, the longest pass counts.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from concurrent.futures import ThreadPoolExecutor
-from contextvars import copy_context
 from dataclasses import dataclass, replace
 from typing import TypeVar
 
@@ -27,6 +25,7 @@ from trackfg.geometry.twist import twist
 from trackfg.geometry.versines import versine
 from trackfg.graph.run_context import RunContext
 from trackfg.numerics.arrays import Array
+from trackfg.numerics.blas_threads import ThreadBeside
 from trackfg.output.profile_samples import PointErrors, PosteriorErrors
 from trackfg.output.profiles import Profile, Shapes
 from trackfg.output.trajectory import keyframe_variances
@@ -276,10 +275,10 @@ def _made_ahead(items: Iterator[_Item]) -> Iterator[_Item]:
     def made() -> _Item | None:
         return next(items, None)
 
-    with ThreadPoolExecutor(max_workers=1) as beside:
-        ahead = beside.submit(copy_context().run, made)
+    with ThreadBeside() as thread:
+        ahead = thread.begin(made)
         while (item := ahead.result()) is not None:
-            ahead = beside.submit(copy_context().run, made)
+            ahead = thread.begin(made)
             yield item
 
 

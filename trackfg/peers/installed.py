@@ -5,15 +5,15 @@ from __future__ import annotations
 from importlib.util import find_spec
 from typing import Literal
 
-from trackfg.errors import TrackfgError
+from trackfg.errors import MissingLibraryError
 
 Peer = Literal["python-ins", "vqf"]
 
 _MODULES: dict[Peer, str] = {"python-ins": "pyins", "vqf": "vqf"}
 
 
-class NotInstalledError(TrackfgError):
-    """A package of the extra ``peers`` that was asked for is not installed."""
+NotInstalledError = MissingLibraryError
+"""The name that this error had here before."""
 
 
 def is_installed(peer: Peer) -> bool:
@@ -22,8 +22,8 @@ def is_installed(peer: Peer) -> bool:
 
 
 def require(peer: Peer) -> None:
-    """Raise :class:`NotInstalledError` where ``peer`` is not installed."""
+    """Raise :class:`~trackfg.errors.MissingLibraryError` where ``peer`` is not installed."""
     if not is_installed(peer):
-        raise NotInstalledError(
+        raise MissingLibraryError(
             f'{peer} is not installed; expected it for this estimator: pip install "trackfg[peers]"'
         )

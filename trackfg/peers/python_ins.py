@@ -99,7 +99,7 @@ class Filtered:
 def run(recording: Recording) -> BaselineResult:
     """Estimate attitude and position with their sigmas, cross-level and twist of a recording.
 
-    Raises :class:`~trackfg.peers.installed.NotInstalledError` without the package, ``BadInputError`` without a
+    Raises :class:`~trackfg.errors.MissingLibraryError` without the package, ``BadInputError`` without a
     tachometer.
     """
     require("python-ins")

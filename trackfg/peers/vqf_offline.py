@@ -36,7 +36,7 @@ def run(
     """Estimate roll, pitch, cross-level and twist of a recording, by VQF's own defaults but for tau_acc.
 
     ``remove_static_bias``: the gyro's, from the standstill at the start, before VQF looks for what is left of it.
-    Raises :class:`~trackfg.peers.installed.NotInstalledError` without the package, ``BadInputError`` without a
+    Raises :class:`~trackfg.errors.MissingLibraryError` without the package, ``BadInputError`` without a
     tachometer and for a tau_acc that is not above 0.
     """
     require("vqf")

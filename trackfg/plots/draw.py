@@ -15,7 +15,7 @@ from trackfg.plots.sheet import Sheet
 def picture_path(path: str | os.PathLike[str]) -> Path:
     """Return ``path``, if its suffix names a kind of picture that can be drawn; else raise :class:`BadInputError`.
 
-    Raises :class:`~trackfg.files.libraries.MissingLibraryError` without the library that draws this kind.
+    Raises :class:`~trackfg.errors.MissingLibraryError` without the library that draws this kind.
     """
     path = Path(path)
     if path.suffix not in (".png", ".svg", ".html"):

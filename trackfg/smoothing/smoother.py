@@ -8,9 +8,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
-from contextvars import copy_context
 from dataclasses import dataclass, field, fields, replace
 from functools import partial
 from typing import TYPE_CHECKING
@@ -29,7 +27,7 @@ from trackfg.graph.balise_ties import with_balise_ties
 from trackfg.graph.build import Problem, build_problem, too_short
 from trackfg.graph.further_sensors import further_sensors
 from trackfg.numerics.arrays import Array
-from trackfg.numerics.blas_threads import one_thread
+from trackfg.numerics.blas_threads import ThreadBeside, one_thread
 from trackfg.output.dense_motion import dense_motion, dense_step
 from trackfg.output.event_sources import EventSources
 from trackfg.output.events import event_table
@@ -220,8 +218,8 @@ def smooth_states(
     stages, views = _Stages(progress), rail_views(recording)
     known_line = known_line or recording.known_line
     network = None if known_line is None else known_line.network(recording)  # a line that cannot be used is refused now
-    with ThreadPoolExecutor(max_workers=1) as beside:  # checks need no solution: they run while kernels solve
-        checked = beside.submit(copy_context().run, recording_findings, recording, limits or CheckLimits())
+    with ThreadBeside() as thread:  # checks need no solution: they run while kernels solve
+        checked = thread.begin(partial(recording_findings, recording, limits or CheckLimits()))
         solved = solved_in_time(recording, partial(_solved, config=config, views=views, stages=stages))
         of_line = None
         if known_line is not None and network is not None:
