@@ -50,6 +50,8 @@ _BETWEEN_SECTIONS_SD_M = 4e-3
 metre, as a bridge, has 5 mm there and 4 mm on average."""
 _PLACE = "result"
 """Key of the place of a run's result among its settings in a map."""
+_KILOMETRAGE = "kilometrage"
+"""Key of the kilometrage, by the map's chainage, among the settings of a run whose chainage is the map's."""
 _NO_SIGHTINGS = Sightings((), np.zeros(0), np.zeros(0), np.zeros(0))
 
 
@@ -107,8 +109,23 @@ def joined(survey: Survey, part: Part) -> Survey:
         place={**survey.place, **part.place},
         level={**survey.level, **part.level},
         doubts={**survey.doubts, **part.doubts},
-        configuration={**survey.configuration, **part.configuration},
+        configuration={**_still_valid(survey, part), **part.configuration},
     )
+
+
+def _still_valid(survey: Survey, part: Part) -> Mapping[str, JsonValue]:
+    """Return the settings of the survey's runs, without kilometrages that counted from the start of its first run, once
+    a run with fixes has one that counts as the map does from then on.
+    """
+    anchors_it = any(run.facts.anchored and run.facts.kilometrage is not None for run in part.runs.values())
+    if survey.anchored or not anchors_it:
+        return survey.configuration
+    return {
+        run_id: {key: value for key, value in settings.items() if key != _KILOMETRAGE}
+        if isinstance(settings, dict)
+        else settings
+        for run_id, settings in survey.configuration.items()
+    }
 
 
 def together(a: Part, b: Part) -> Part:
@@ -218,9 +235,9 @@ def _configuration(survey: Survey, result: Result, facts: RunFacts, place: str |
     settings = dict(result.summary.configuration)
     if place is not None:
         settings[_PLACE] = place
-    shared = survey.grid is None or (facts.anchored and survey.anchored)
+    shared = survey.grid is None or facts.anchored  # with a fix the map counts as the fixes do
     if shared and facts.kilometrage is not None:
-        settings["kilometrage"] = facts.kilometrage.model_dump(mode="json")
+        settings[_KILOMETRAGE] = facts.kilometrage.model_dump(mode="json")
     return settings
 
 

@@ -14,6 +14,9 @@ from trackfg.errors import BadInputError
 from trackfg.mapping import build_map, with_runs
 from trackfg.maps.feature_map import FeatureMap
 from trackfg.numerics.splines import spline_at
+from trackfg.recording.line_kilometrage import LineKilometrage
+from trackfg.results.official_places import kilometrage_of_map
+from trackfg.results.result import Result
 from trackfg.smoothing.smoother import smooth
 
 Ride = Callable[..., Any]
@@ -113,6 +116,23 @@ def test_a_map_without_any_fix_counts_from_its_first_run(ride: Ride) -> None:
     joined = build_map(lost, name="somewhere")
     assert abs(joined.grid["chainage_m"].iloc[0]) < 5.0
     assert abs(joined.runs["offset_m"].iloc[0]) < 1.0
+
+
+def test_the_kilometrage_is_that_of_the_first_run_with_fixes(ride: Ride) -> None:
+    """That of a run without any counts from its start, which the map no longer does."""
+
+    def of_km(result: Result, km: str) -> Result:
+        assert result.summary.run is not None
+        line = LineKilometrage.model_validate({"equation": [{"chainage_m": 0.0, "km": km}]})
+        facts = result.summary.run.model_copy(update={"kilometrage": line})
+        return replace(result, summary=result.summary.model_copy(update={"run": facts}))
+
+    lost = of_km(smooth(replace(ride(2).simulation.recording, fixes=None)), "100+000")
+    begun = build_map([lost], name="somewhere")
+    for joined, km in ((begun, "100+000"), (with_runs(begun, [of_km(ride(0).result, "20+000")]), "20+000")):
+        kilometrage = kilometrage_of_map(joined.name, joined.configuration)
+        assert kilometrage is not None
+        assert kilometrage.equation[0].km == km
 
 
 def test_the_same_run_is_not_joined_twice(line_map: FeatureMap, ride: Ride) -> None:
