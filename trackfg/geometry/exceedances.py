@@ -67,9 +67,10 @@ class Judgement:
 
     def unknown_m(self) -> dict[tuple[str, str], float]:
         """Return over which length a quantity of a level is not known, m; of several columns that of the worst."""
-        by_column = self.unknown.groupby(["quantity", "level", "column"], sort=False)["length_m"].sum()
-        longest = by_column.groupby(level=["quantity", "level"], sort=False).max()
-        return {(str(quantity), str(level)): float(m) for (quantity, level), m in longest.items()}
+        return {
+            (str(quantity), str(level)): float(stretches.groupby("column")["length_m"].sum().max())
+            for (quantity, level), stretches in self.unknown.groupby(["quantity", "level"], sort=False)
+        }
 
 
 def _grouped(levels: Iterable[tuple[tuple[str, str], str]]) -> dict[tuple[str, str], str]:

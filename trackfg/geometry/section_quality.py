@@ -60,9 +60,9 @@ def section_quality(
         columns[f"sd_{name}"] = table["sd"].where(table["count"] >= least)
     for name, where in (beyond or {}).items():
         table = section_statistics(chainage, where, section_m=section_m).set_index("from_m")
-        unknown = section_statistics(chainage, np.where(np.isnan(where), step, 0.0), section_m=section_m)
+        unknown = section_statistics(chainage, np.isnan(where), section_m=section_m).set_index("from_m")
         columns[f"share_beyond_{name}"] = table["mean"]
-        columns[f"unknown_m_{name}"] = unknown.set_index("from_m").eval("mean * count")
+        columns[f"unknown_m_{name}"] = step * unknown["mean"] * unknown["count"]
     out = pd.DataFrame(columns).sort_index()
     index = [f"sd_{name}" for name in index_channels(channels)]
     out.insert(0, "to_m", out.index.to_numpy() + section_m)

@@ -120,8 +120,14 @@ class Trends(Outlined):
             places = small["trends"]["at_m"].to_numpy(dtype=np.float64)
             large = {name: read_frame(content[f"{name}.parquet"]) for name in _LARGE if name != "values"}
             values = _rows_at(content["values.parquet"], places)
-            reasons = {"left_out": head["left_out"], "doubts": head.get("doubts", {})}
-            trends = cls(**small, **large, values=values, per=head.get("per", "month"), **reasons)
+            trends = cls(
+                **small,
+                **large,
+                values=values,
+                per=head.get("per", "month"),
+                left_out=head["left_out"],
+                doubts=head.get("doubts", {}),
+            )
             trends.refuse_unsound()
         except (ValueError, TypeError, KeyError, OSError) as error:
             raise BadInputError(f"{folder}: not a readable trackfg folder of trends: {error}") from error
