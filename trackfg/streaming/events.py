@@ -2,7 +2,8 @@
 
 Every row that is not passed on is counted in exactly one event. Rows of one kind and table that come in short
 succession are one event: it closes when ``QUIET_PUSHES`` batches have passed without another, or after
-``LONGEST_PUSHES``. Batches are counted, not seconds, so that the same batches give the same events.
+``LONGEST_PUSHES``. Batches are counted, not seconds, so that the same batches give the same events. Of rows that could
+not even be read the first is an event at once, and those of the same fault that follow it are another.
 """
 
 from __future__ import annotations
@@ -55,6 +56,27 @@ def motion_breaks(events: Iterable[Event]) -> dict[str, Array]:
     return {table: np.array(rows) for table, rows in spans.items()}
 
 
+@dataclass(frozen=True)
+class UnreadableRows(Event):
+    """Rows that could not be read, and why: ``fault`` is what they have in common, ``first`` says what is wrong with
+    the first, and ``last`` is the place of the last.
+    """
+
+    fault: str = ""
+    first: str = ""
+    last: str = ""
+
+    @classmethod
+    def of(cls, kind: str, rows: int, fault: str, first: str, last: str) -> UnreadableRows:
+        """Return the event, with its sentence."""
+        detail = f"{first} ({rows} such, the last is {last})" if rows > 1 else first
+        return cls(kind, rows=rows, detail=detail, fault=fault, first=first, last=last)
+
+    def joined(self, later: UnreadableRows) -> UnreadableRows:
+        """Return the event of these rows and later ones."""
+        return self.of(self.kind, self.rows + later.rows, self.fault, self.first, later.last)
+
+
 @dataclass
 class _Open:
     event: Event
@@ -62,15 +84,29 @@ class _Open:
     quiet: int = 0
     columns: tuple[str, ...] = ()
 
+    def ends(self) -> bool:
+        """Count a batch; return whether no more rows are added."""
+        self.pushes += 1
+        self.quiet += 1
+        return self.quiet > QUIET_PUSHES or self.pushes >= LONGEST_PUSHES
+
+
+@dataclass
+class _Unreadable(_Open):
+    rows: UnreadableRows | None = None
+    """Those after the first, which were reported at once."""
+
 
 @dataclass
 class LossReport:
     """Collects rows that are not passed on, and other events, in the order in which they began.
 
-    ``open``: events that may grow, by kind and table; ``ready``: events that are complete.
+    ``open``: events that may grow, by kind and table; ``unreadable``: by kind and fault; ``ready``: events that are
+    complete.
     """
 
     open: dict[tuple[str, str], _Open] = field(default_factory=dict)
+    unreadable: dict[tuple[str, str], _Unreadable] = field(default_factory=dict)
     ready: list[Event] = field(default_factory=list)
 
     def lose(self, kind: str, table: str, t: Array, columns: Sequence[str] = ()) -> None:
@@ -85,27 +121,42 @@ class LossReport:
         entry.event, entry.quiet = _joined(entry.event, now, entry.columns), 0
 
     def note(self, event: Event) -> None:
-        """Report an event that is complete."""
-        self.ready.append(event)
+        """Report an event that is complete, or rows that could not be read."""
+        if not isinstance(event, UnreadableRows):
+            self.ready.append(event)
+            return
+        entry = self.unreadable.get(key := (event.kind, event.fault))
+        if entry is None:
+            self.ready.append(event)
+            self.unreadable[key] = _Unreadable(Event(event.kind))
+        else:
+            entry.rows, entry.quiet = event if entry.rows is None else entry.rows.joined(event), 0
 
     def end_of_push(self) -> tuple[Event, ...]:
         """Return the events that are complete after a batch."""
         for key, entry in list(self.open.items()):
-            entry.pushes += 1
-            entry.quiet += 1
-            if entry.quiet > QUIET_PUSHES or entry.pushes >= LONGEST_PUSHES:
+            if entry.ends():
                 self.ready.append(self.open.pop(key).event)
+        for key, again in list(self.unreadable.items()):
+            if again.ends():
+                self.ready += _rest(self.unreadable.pop(key))
         return self._drained()
 
     def end_of_stream(self) -> tuple[Event, ...]:
         """Return the events that are left."""
         self.ready += [entry.event for entry in self.open.values()]
+        self.ready += [event for again in self.unreadable.values() for event in _rest(again)]
         self.open.clear()
+        self.unreadable.clear()
         return self._drained()
 
     def _drained(self) -> tuple[Event, ...]:
         ready, self.ready = tuple(self.ready), []
         return ready
+
+
+def _rest(again: _Unreadable) -> list[Event]:
+    return [] if again.rows is None else [again.rows]
 
 
 def _joined(a: Event, b: Event, columns: Sequence[str]) -> Event:

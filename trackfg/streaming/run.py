@@ -25,7 +25,7 @@ from trackfg.numerics.blas_threads import one_thread
 from trackfg.results.events import DOUBT, Event
 from trackfg.streaming.back_pressure import BackPressure
 from trackfg.streaming.checkpoint.checkpoint import Checkpoint, Checkpoints
-from trackfg.streaming.events import event_table
+from trackfg.streaming.events import UnreadableRows, event_table
 from trackfg.streaming.fixed_lag import NO_ESTIMATES, Estimates, FixedLagSmoother
 from trackfg.streaming.intake.imu_clock import ClockLimits
 from trackfg.streaming.intake.intake import Intake
@@ -213,8 +213,8 @@ class Stream:
                 counts.left_out.setdefault(event.table, Counter())[event.kind] += event.rows
             elif event.rows:
                 counts.unreadable += event.rows
-                more = " (" if event.rows > 1 else None  # how many such there were in one batch
-                counts.first_unreadable = counts.first_unreadable or event.detail.rsplit(more, 1)[0]
+                first = event.first if isinstance(event, UnreadableRows) else event.detail
+                counts.first_unreadable = counts.first_unreadable or first
         return events
 
 

@@ -84,6 +84,8 @@ class JsonLinesSource:
             return table, values
         if self._read == 1 and "description" in values:
             raise RowError("the description is not used: another was given with the stream")
+        if "description" in values:
+            raise RowError('no "table" but a description; expected it before the first row: that one stays in use')
         raise RowError('no "table"; expected {"table": "imu", ...}')
 
     def _line(self) -> bytes:

@@ -18,7 +18,7 @@ from trackfg.io.description_reader import FORMAT, validated
 from trackfg.numerics import units
 from trackfg.recording.description import RecordingDescription, Table
 from trackfg.recording.findings import errors
-from trackfg.results.events import Event
+from trackfg.streaming.events import UnreadableRows
 from trackfg.streaming.rows import raw_columns
 from trackfg.streaming.sources.source import BATCH_S, Batch
 
@@ -29,7 +29,14 @@ MOST_IN_BATCH = 10_000
 
 
 class RowError(ValueError):
-    """An object is no row; the message says what is wrong and what was expected."""
+    """An object is no row; the message says what is wrong and what was expected.
+
+    ``fault`` is what it has in common with others that are wrong in the same way; the message unless given.
+    """
+
+    def __init__(self, message: str, fault: str = "") -> None:
+        super().__init__(message)
+        self.fault = fault or message
 
 
 class RowParser:
@@ -43,7 +50,7 @@ class RowParser:
         self._seconds = units.to_si("time", description.imu.time_unit)
         self._place, self._batch_s = place, batch_s
         self._rows: dict[str, list[list[float]]] = {}
-        self._faults: dict[str, list[int]] = {}
+        self._faults: dict[str, UnreadableRows] = {}
         self._count = 0
         self._start_s: float | None = None
         self._full = False
@@ -62,7 +69,10 @@ class RowParser:
     def refuse(self, number: int, fault: RowError) -> None:
         """Count the object at place ``number`` as no row."""
         self._count += 1
-        self._faults.setdefault(str(fault), []).append(number)
+        place = f"{self._place} {number}"
+        event = UnreadableRows.of(f"bad-{self._place}", 1, fault.fault, f"{place}: {fault}", place)
+        before = self._faults.get(fault.fault)
+        self._faults[fault.fault] = event if before is None else before.joined(event)
 
     @property
     def full(self) -> bool:
@@ -72,7 +82,7 @@ class RowParser:
     def batch(self, position: int) -> Batch:
         """Return what was collected; ``position`` is where the source stands."""
         tables = {name: np.array(rows, dtype=np.float64) for name, rows in self._rows.items()}
-        events = tuple(self._event(fault, numbers) for fault, numbers in self._faults.items())
+        events = tuple(self._faults.values())
         self._rows, self._faults, self._count, self._start_s, self._full = {}, {}, 0, None, False
         return Batch(tables, events, position)
 
@@ -88,11 +98,9 @@ class RowParser:
             raise RowError(f"{table}: no column {missing}; expected {', '.join(columns)}") from None
         except TypeError:
             wrong = next(column for column in columns if type(values[column]) not in _NUMBERS)
-            raise RowError(f"{table}: {wrong!r} is {_shown(values[wrong])}; expected a number") from None
-
-    def _event(self, fault: str, numbers: list[int]) -> Event:
-        more = f" ({len(numbers)} such, the last is {self._place} {numbers[-1]})" if len(numbers) > 1 else ""
-        return Event(f"bad-{self._place}", "", None, None, len(numbers), f"{self._place} {numbers[0]}: {fault}{more}")
+            raise RowError(
+                f"{table}: {wrong!r} is {_shown(values[wrong])}; expected a number", f"{table}: {wrong!r} is no number"
+            ) from None
 
 
 _NUMBERS = (float, int, type(None))

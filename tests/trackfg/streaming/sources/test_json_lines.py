@@ -107,7 +107,10 @@ BAD_LINES: dict[str, tuple[str | bytes, str]] = {
     "text for a number": (TACH + '"12"}', "tach: 'count' is '12'; expected a number"),
     "true for a number": (TACH + "true}", "tach: 'count' is True; expected a number"),
     "a list for a number": (TACH + "[1]}", "tach: 'count' is [1]; expected a number"),
-    "a description later": (json.dumps({"description": DESCRIPTION}), 'no "table"'),
+    "a description later": (
+        json.dumps({"description": DESCRIPTION}),
+        'no "table" but a description; expected it before',
+    ),
     "escapes for the terminal": ('{"table": "\\u001b[2J"}', "'\\x1b[2J': expected"),
 }
 
@@ -141,6 +144,18 @@ def test_bad_lines_of_one_kind_are_counted_together() -> None:
     first, second = batch.events
     assert (first.rows, second.rows) == (50, 1)
     assert first.detail == "line 3: not JSON; expected one object (50 such, the last is line 52)"
+
+
+def test_a_fault_that_lasts_is_an_event_at_once_and_then_one_in_many_batches() -> None:
+    rows = [row for i in range(600) for row in (imu(i), {"table": "tach", "t": str(i), "count": 1}, '{"table": "x"}')]
+    source = JsonLinesSource(io.BytesIO(lines({"description": DESCRIPTION}, *rows)))
+    intake = Intake.begin(source.description)
+    batches = [intake.push(batch)[1] for batch in source]
+    assert [event.rows for event in batches[0]] == [10, 10]
+    assert not any(batches[1:])
+    _, rest = intake.finish()
+    assert [event.rows for event in rest] == [590, 590]
+    assert rest[0].detail == ("line 33: tach: 't' is '10'; expected a number (590 such, the last is line 1800)")
 
 
 def test_empty_lines_hold_nothing() -> None:
