@@ -11,6 +11,7 @@ module              content
 ``tables``          smoothed tables and events of what left the window
 ``locating``        where the stream is on a map
 ``fixed_lag``       :class:`~trackfg.streaming.fixed_lag.FixedLagSmoother`: rows in, estimates out
+``outages``         times without any rows that are too long to be bridged
 ``sigma_test``      whether smoothed and filtered estimates differ by more than their sigmas
 ``roll_test``       whether the mean roll on straights is zero
 ``vibration_test``  whether the sensor vibrates by more than the track's sigmas

@@ -41,6 +41,7 @@ from trackfg.solver.square_root import SquareRoot
 from trackfg.streaming.checkpoint.snapshot import Snapshot, dump, load_attributes
 from trackfg.streaming.late_clocks import clock_doubts
 from trackfg.streaming.locating.map_locator import MapLocator
+from trackfg.streaming.outages import Outage, distance_after, outage_after
 from trackfg.streaming.roll_test import RollTest
 from trackfg.streaming.rows import Rows
 from trackfg.streaming.sigma_test import SigmaTest, fix_doubts
@@ -49,6 +50,7 @@ from trackfg.streaming.vibration_test import VibrationTest
 from trackfg.streaming.window.moving_window import LostWindow, MovingWindow
 from trackfg.streaming.window.running_window import FilterUpdate, Relinearisation, RunningWindow
 from trackfg.streaming.window.sample_buffer import SampleBuffer
+from trackfg.streaming.window.starting_window import StartingWindow
 from trackfg.streaming.window.window import Window
 
 if TYPE_CHECKING:
@@ -175,6 +177,8 @@ class FixedLagSmoother:
         while t is not None and moving.has_rows_for(t):
             if done := self._work_due():  # the pass may have changed the speed, and so the next keyframe's time
                 outputs += done
+            elif (outage := self._outage) is not None:
+                outputs += self._beginning_after(outage)
             else:
                 update = moving.add_keyframe(t)
                 filtered += [] if update is None else [self._filtered_row(update)]
@@ -289,16 +293,39 @@ class FixedLagSmoother:
 
     def _after_loss(self, lost: LostWindow) -> PassOutput:
         """Return the tables up to where the window was lost; from there on the stream begins anew."""
-        pieces = []
+        pieces, done_s = [], self._done_s
         if self._tables is not None and lost.left is not None:
             inputs = self._table_input(lost.left, lost.left.window, lost.left.root)
             pieces = [self._tables.next_piece(self._buffer, inputs, lost.begin_s, at_end=True)]
-            self._done_s = lost.begin_s
-        self._tables = None
-        if self._locator is not None:
-            self._locator = MapLocator(self._buffer.description, self.config, self._locator.feature_map)
+            done_s = lost.begin_s
+        self._begin_tables_after(done_s)
         event = Event("restarted", t_s=lost.begin_s, detail=lost.reason)
         return PassOutput(pieces, (*(event for piece in pieces for event in piece.events), event))
+
+    @property
+    def _outage(self) -> Outage | None:
+        """The outage that the newest keyframe precedes, if one does."""
+        running = self._moving.running
+        return None if running is None else outage_after(self._buffer, float(running.newest.t[-1]))
+
+    def _beginning_after(self, outage: Outage) -> list[PassOutput]:
+        """Return the tables up to an outage, as at the end of a stream; the window begins anew after it."""
+        outputs, moving = self._work_due(at_end=True), self._moving
+        if moving.running is None:  # lost by the last pass: it begins anew in any case
+            return outputs
+        distance = distance_after(outage, moving.running)
+        moving.running, moving.starting = None, StartingWindow.after(outage.end_s, distance)
+        self._begin_tables_after(outage.begin_s)
+        buffer = self._buffer
+        buffer.forget(outage.end_s, outage.end_s)
+        buffer.tach = buffer.tach[buffer.tach[:, 0] > outage.begin_s]  # the outage has been reported
+        return [*outputs, PassOutput([], (outage.event,))]
+
+    def _begin_tables_after(self, t: float) -> None:
+        """Begin new tables, for rows after ``t``, s."""
+        self._tables, self._done_s = None, t
+        if self._locator is not None:
+            self._locator = MapLocator(self._buffer.description, self.config, self._locator.feature_map)
 
     def _table_input(self, running: RunningWindow, window: Window, root: SquareRoot) -> TableInput:
         doubt_m = self._moving.votes.doubt_m
