@@ -9,7 +9,7 @@ not even be read the first is an event at once, and those of the same fault that
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import pandas as pd
@@ -83,6 +83,8 @@ class _Open:
     pushes: int = 0
     quiet: int = 0
     columns: tuple[str, ...] = ()
+    ahead_s: tuple[float, float] | None = None
+    """The least and the most that rows were ahead of the IMU, s; behind it, negative."""
 
     def ends(self) -> bool:
         """Count a batch; return whether no more rows are added."""
@@ -109,8 +111,10 @@ class LossReport:
     unreadable: dict[tuple[str, str], _Unreadable] = field(default_factory=dict)
     ready: list[Event] = field(default_factory=list)
 
-    def lose(self, kind: str, table: str, t: Array, columns: Sequence[str] = ()) -> None:
-        """Report rows at times ``t`` (NaN allowed) that are not passed on, because of ``columns`` if any are given."""
+    def lose(self, kind: str, table: str, t: Array, columns: Sequence[str] = (), *, imu_s: float = np.nan) -> None:
+        """Report rows at times ``t`` (NaN allowed) that are not passed on, because of ``columns`` if any are given, or
+        of how far they are from the newest time of the IMU when they came, ``imu_s``.
+        """
         if t.size == 0:
             return
         known = t[np.isfinite(t)]
@@ -119,6 +123,10 @@ class LossReport:
         entry = self.open.setdefault((kind, table), _Open(Event(kind, table)))
         entry.columns = tuple(dict.fromkeys([*entry.columns, *columns]))
         entry.event, entry.quiet = _joined(entry.event, now, entry.columns), 0
+        if first is not None and last is not None and np.isfinite(imu_s):
+            least, most = entry.ahead_s or (np.inf, -np.inf)
+            entry.ahead_s = min(least, first - imu_s), max(most, last - imu_s)
+            entry.event = replace(entry.event, detail=f"{LOSS_KINDS[kind]}: {_off(*entry.ahead_s)}")
 
     def note(self, event: Event) -> None:
         """Report an event that is complete, or rows that could not be read."""
@@ -153,6 +161,18 @@ class LossReport:
     def _drained(self) -> tuple[Event, ...]:
         ready, self.ready = tuple(self.ready), []
         return ready
+
+
+def _off(least: float, most: float) -> str:
+    """Return how far ahead of the IMU rows were, in words: ``least`` to ``most``, s, negative behind it.
+
+    Rows ahead have been held since the first of them came, so ``least`` is the nearest.
+    """
+    if least > 0.0:
+        return f"{least:.1f} s or more ahead of the IMU's"
+    if most > 0.0:
+        return f"up to {-least:.1f} s behind the IMU's and {most:.1f} s ahead"
+    return f"up to {-least:.1f} s behind the IMU's"
 
 
 def _rest(again: _Unreadable) -> list[Event]:

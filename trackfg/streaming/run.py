@@ -69,8 +69,11 @@ class StreamCounts:
             if 2 * lost.total() > (came := self.by_table[table]) > 0:
                 why = ", ".join(f"{number} {kind}" for kind, number in lost.most_common())
                 hint = "the table events says what was expected"
-                if lost.most_common(1)[0][0] == "late":
+                main = lost.most_common(1)[0][0]
+                if main == "late":
                     hint = f"a row may come {ClockLimits().hold_s:g} s after the IMU's of its time, not later"
+                elif main == "clock-jump" and table != "imu":
+                    hint = "the table events says how far their times are from the IMU's: correct its time_offset_s"
                 said.append(f"{table}: {lost.total()} of {came} rows were left out ({why}). Hint: {hint}")
         return said
 

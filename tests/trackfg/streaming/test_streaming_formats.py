@@ -53,7 +53,7 @@ def test_the_lines_shown_are_what_is_written() -> None:
     assert tuple(filtered) == ("table", *TRAJECTORY_COLUMNS)
     written = json_lines(filtered.pop("table"), pd.DataFrame([filtered]))
     assert written == blocks("json")[1].splitlines(keepends=True)[0]
-    event = Event("late", "tach", 11.9, 12.1, 3, LOSS_KINDS["late"])
+    event = Event("late", "tach", 11.9, 12.1, 3, f"{LOSS_KINDS['late']}: up to 0.4 s behind the IMU's")
     assert json.loads(json_lines("events", event_table([event]))) == late
     event = Event("slip", "tach", 9.3, 10.1, 0, "", 1021.5, 0.2, 0.75, 0.125)
     assert json.loads(json_lines("events", event_table([event]))) == slip

@@ -102,10 +102,10 @@ class ReorderBuffer:
         t = rows[:, 0] + self.shift_s[name]
         behind = t <= self.watermark_s
         late = behind & (t > self.watermark_s - self.limits.ahead_s)
-        report.lose("late", name, t[late])
-        report.lose("clock-jump", name, t[behind & ~late])
+        report.lose("late", name, t[late], imu_s=self.clock.newest_s)
+        report.lose("clock-jump", name, t[behind & ~late], imu_s=self.clock.newest_s)
         if last or self.clock.newest_s > since + self.limits.settle_s:
-            report.lose("clock-jump", name, t[~behind])
+            report.lose("clock-jump", name, t[~behind], imu_s=since)
         elif not behind.all():
             self._hold(name, rows[~behind], since, report)
 

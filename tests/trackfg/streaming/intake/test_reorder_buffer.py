@@ -193,6 +193,7 @@ def test_what_the_hold_allows_is_a_setting() -> None:
     pushed = batches(in_order(tables, delays), 10)
     _, events = through(ReorderBuffer.of(RATES, ClockLimits(hold_s=0.2)), pushed)
     assert lost(events)["late", "tach"] > 150
+    assert events[0].detail.endswith(": up to 0.7 s behind the IMU's")
     out, events = through(ReorderBuffer.of(RATES, ClockLimits(hold_s=0.8)), pushed)
     assert not events
     np.testing.assert_array_equal(out["tach"], tables["tach"])
@@ -342,6 +343,21 @@ def test_a_table_whose_clock_alone_is_wrong_is_refused_until_it_is_right_again()
     np.testing.assert_array_equal(out["tach"], tables["tach"][good])
     assert lost(events) == {("clock-jump", "tach"): 400}
     assert min(event.t_s for event in events if event.t_s is not None) == pytest.approx(7220.0)
+
+
+@pytest.mark.parametrize(
+    ("off_s", "expected"),
+    [(18.0, "18.0 s or more ahead of the IMU's"), (-604800.0, "up to 604800.0 s behind the IMU's")],
+)
+def test_times_off_the_imus_say_by_how_much(off_s: float, expected: str) -> None:
+    tables = rows_of(30.0)
+    pushed = batches(in_order(tables), 1)
+    for batch in pushed:
+        if "fixes" in batch:
+            batch["fixes"][:, 0] += off_s
+    _, events = through(ReorderBuffer.of(RATES), pushed)
+    assert {event.table for event in events} == {"fixes"}
+    assert events[-1].detail.endswith(expected)
 
 
 def test_without_the_imu_rows_wait_for_it() -> None:
