@@ -65,6 +65,9 @@ _ALIKE = 1e-9
 FAR_OFF = 2.0
 """Ratio of seen to assumed or declared noise from which on it is a finding: sigmas were wrong by as much."""
 
+_NO_NOISE = 30.0
+"""A ratio beyond which noise does not explain it: a gyro declared in the wrong unit is off by 57, and shows more."""
+
 FAMILIES = {
     FactorType.NON_HOLONOMIC: "motion",
     FactorType.PATH: "path",
@@ -223,7 +226,9 @@ def _findings(run: SolvedRun) -> tuple[Finding, ...]:
 
 def raised_level(name: str, level: float) -> str:
     """Return the sentence that a group's noise is ``level`` times the declared one."""
-    return f"{_NAMES[name]}: residuals show {level:.1f} times what is declared, and sigmas are of that"
+    wrong = level > _NO_NOISE and name in ("gyro", "accel")
+    more = "; so much may be a unit or an axis that is declared wrongly: see trackfg check" if wrong else ""
+    return f"{_NAMES[name]}: residuals show {level:.1f} times what is declared, and sigmas are of that{more}"
 
 
 def noise_findings(ratios: dict[str, float]) -> tuple[Finding, ...]:

@@ -16,7 +16,7 @@ from trackfg.datasets.scenarios import Simulation
 from trackfg.factors.factor_type import FactorType
 from trackfg.factors.family import Family, changed
 from trackfg.recording.model import IMU_COLUMNS
-from trackfg.smoothing.noise_levels import levels, levels_over_time, levels_seen, noise_levels
+from trackfg.smoothing.noise_levels import levels, levels_over_time, levels_seen, noise_levels, raised_level
 from trackfg.smoothing.reassessment import SolvedRun
 from trackfg.smoothing.smoother import SmoothedStates, smooth, smooth_states
 from trackfg.solver.variance_components import Residuals
@@ -120,3 +120,9 @@ def test_stretches_that_little_checks_are_raised_by_chance_as_rarely_as_others(r
     limit = chdtri(redundancy, ndtr(-3.0) / 6000.0)
     assert levels_seen(0.99 * limit, redundancy, tests=6000.0) == 1.0
     assert levels_seen(1.01 * limit, redundancy, tests=6000.0) > 1.0
+
+
+def test_a_level_that_no_noise_explains_names_the_unit() -> None:
+    assert "unit" in raised_level("accel", 177.0)
+    assert "unit" not in raised_level("accel", 9.0)
+    assert "unit" not in raised_level("motion", 177.0)

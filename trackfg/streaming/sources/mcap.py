@@ -38,6 +38,8 @@ _TELLING_BYTES = 2**16
 
 DESCRIPTION_TOPIC = "description"
 
+_MAGIC = b"\x89MCAP"
+"""The first bytes of an MCAP file; its version follows."""
 _DAMAGE = (McapError, zstandard.ZstdError, struct.error, ValueError, RuntimeError, EOFError, OSError)
 """Errors that reading a damaged file raises."""
 
@@ -121,9 +123,15 @@ class McapSource:
             raise BadInputError(f"{place}: {fault}") from None
 
     def _unreadable(self, error: BaseException) -> BadInputError:
-        return BadInputError(
-            f"{self._path}: cannot be read ({first_line(error)}); expected MCAP, a folder, or - for JSON lines"
-        )
+        expected = "expected MCAP, a folder, or - for JSON lines"
+        begin = b"" if isinstance(error, OSError) else _first_bytes(self._path)
+        if not begin or begin == _MAGIC:
+            return BadInputError(f"{self._path}: cannot be read ({first_line(error)}); {expected}")
+        if begin.lstrip().startswith(b"{"):
+            hint = f"for JSON lines, trackfg stream - -o OUT < {self._path.name}"
+        else:
+            hint = "trackfg import makes a recording of a log"
+        return BadInputError(f"{self._path}: no MCAP file; {expected}. Hint: {hint}")
 
     def _messages(self) -> Iterator[tuple[str, str, bytes]]:
         """Yield topic, encoding and content of each message."""
@@ -135,6 +143,11 @@ class McapSource:
                 elif isinstance(record, Message) and record.channel_id in channels:
                     channel = channels[record.channel_id]
                     yield channel.topic.removeprefix("/"), channel.message_encoding, record.data
+
+
+def _first_bytes(path: Path) -> bytes:
+    with path.open("rb") as file:
+        return file.read(len(_MAGIC))
 
 
 def _object(encoding: str, data: bytes) -> dict[str, Any]:

@@ -120,6 +120,9 @@ def test_a_damaged_file_ends_in_an_event_or_one_error(tmp_path: Path) -> None:
     [
         (b"", "expected MCAP"),
         (b"t,wx,wy\n0,1,2\n", "expected MCAP, a folder, or - for JSON lines"),
+        (b"t,wx,wy\n0,1,2\n", "no MCAP file; "),
+        (b'{"table": "imu", "t": 0}\n', "Hint: for JSON lines, trackfg stream - -o OUT < "),
+        (mcap(RUN)[:20], "cannot be read ("),
         (mcap([]), "no messages"),
         (mcap(RUN[1:]), "message 1: topic 'imu'; expected the topic 'description' first"),
         (mcap([("description", b"x")]), "message 1: not JSON"),
