@@ -4,8 +4,8 @@ It smooths the older keyframe by one step besides, and is not iterated.
 
 The newest keyframe stands alone, with everything measured before it in its marginal prior. The next one starts at the
 inertial sensor's prediction. The inertial factors are linearised there and compressed to a triangle while the rows of
-other sensors are still on their way. Those are linearised where they themselves put the next keyframe, because their
-robust weights depend on it, and are then expressed relative to the prediction.
+other sensors are still on their way. The factors of these rows are linearised at the state that they themselves give
+the next keyframe, because their robust weights depend on it, and are then expressed relative to the prediction.
 """
 
 from __future__ import annotations

@@ -170,7 +170,7 @@ class FixVotes:
         return interval._replace(families=(*others, *(family for family in parted if len(family)))), shift_m
 
     def _leave_place(self, shift_m: float) -> None:
-        """Doubt what is written of the place that is left for one ``shift_m`` further along the track."""
+        """Add the event that rows written with the position given up are off by ``shift_m``."""
         self.shift_m += shift_m
         if self.placed_s is not None and self.placed_s < self.written_s:
             detail = (
@@ -228,7 +228,7 @@ class FixVotes:
         return innovation
 
     def _nearest_rival(self, further_m: float, sd_m: float) -> Rival | None:
-        """Return the rival that a position known to ``sd_m`` may be."""
+        """Return the nearest rival that agrees with a position ``further_m`` along, with the sigma ``sd_m``, m."""
         near = [rival for rival in self.rivals if abs(rival.further_m - further_m) <= GATE * np.hypot(sd_m, rival.sd_m)]
         return min(near, key=lambda rival: abs(rival.further_m - further_m), default=None)
 

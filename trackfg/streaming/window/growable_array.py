@@ -1,4 +1,4 @@
-"""Arrays that grow at their end, with spare capacity, so that they are copied now and then and not with every batch.
+"""A growable array has spare capacity at its end, so that it is copied now and then and not with every batch.
 
 An array that was read before an append stays as it was.
 """

@@ -1,4 +1,4 @@
-"""Keyframes that left the window and are still needed: smoothed states long after they were marginalised.
+"""The history of marginalised keyframes gives their smoothed states long after they left the window.
 
 A marginalised keyframe keeps its conditional on the next one and on the shared variables, ``R x_k + S (x_k+1, s) = d``.
 Back-substitution along these carries what the window learns to older keyframes, without any of their factors
@@ -131,7 +131,9 @@ def _merge(first: MarginalisedKeyframes, second: MarginalisedKeyframes) -> Margi
 
 
 def _left_together(first: MarginalisedKeyframes, second: MarginalisedKeyframes) -> bool:
-    """Return whether the second was linearised where the first had it: both were marginalised in one pass."""
+    """Return whether both were marginalised in one pass: the first one's next keyframe was linearised at the second's
+    linearisation point.
+    """
     point, next_point = first.linearisation_point.take(slice(1, 2)), second.linearisation_point
     return np.array_equal(point.nav.p, next_point.nav.p[:1]) and np.array_equal(point.imu, next_point.imu)
 

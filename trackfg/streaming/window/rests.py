@@ -1,4 +1,4 @@
-"""Standstills of the window, found while they last."""
+"""Rests are the standstills of the newest keyframes, detected while the vehicle still stands."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from trackfg.streaming.window.tach_buffer import TachBuffer
 from trackfg.streaming.window.window import Window
 
 LOOK_S = 8.0
-"""How far before the newest keyframes a rest is looked for, s."""
+"""How long before the newest keyframes a rest is looked for, s."""
 _MARGIN_S = 1.5
 """Time that a gentle start takes to show, s; as :mod:`trackfg.sensors.standstills` has it."""
 _TURNING_MPS = 0.5
-"""A wheel that turns slower, m/s, is looked at: so much noise a speed signal without a sign may have at rest."""
+"""Wheel speed above which no rest is looked for, m/s: an unsigned speed signal may show that much noise at rest."""
 _MOVING_MPS = 2.0
 """A keyframe faster than this, m/s, lies in no rest: a stuck tach on a smooth straight looks like one."""
 

@@ -42,6 +42,7 @@ class SampleBuffer:
     gnss_origin: Array | None = None
     dt: float | None = None
     laid: GrowableIntervals | None = None
+    """The intervals, edge to edge, with holes interpolated; None until the sampling interval is known."""
     waiting: Array = field(default_factory=lambda: no_rows("imu"))
     """Samples that are not intervals yet, as rows of the recording's columns."""
     samples: GrowableArray = field(default_factory=lambda: GrowableArray(no_rows("imu")))
@@ -105,7 +106,7 @@ class SampleBuffer:
         return -np.inf if self.laid is None else float(self.laid.edges.rows[-1])
 
     def _lay_out(self) -> None:
-        """Make intervals of the samples that wait, but the last."""
+        """Make intervals of the samples that wait, except the last: the next sample ends its interval."""
         rows = self.waiting
         if self.dt is None:
             if len(rows) < _FIRST_SAMPLES:
@@ -222,7 +223,9 @@ class SampleBuffer:
         return means_around(np.array([t]), RATE_WINDOW_S, data.edges, data.gyro)
 
     def forget(self, before: float, newer: float) -> None:
-        """Drop rows that end ``before`` a time, s; of samples and positions those before a ``newer`` one."""
+        """Drop intervals and rows of the tach and lasers that end before ``before``, s, and samples, positions and rows
+        of further sensors before ``newer``, s.
+        """
         if self.is_empty:
             return
         data, samples = self.inertial, self.samples.rows

@@ -44,8 +44,8 @@ from trackfg.solver.scale_evidence import CLEARLY, ScaleEvidence
 from trackfg.streaming.window.window import Window
 
 WALK_PER_SQRT_M = 3e-4
-"""By how much a scale walks that the accelerometer sees change, 1/sqrt(m): 1 % in a kilometre, the widest walk that the
-batch tries (:mod:`trackfg.smoothing.wheel_scale`). In creep of 1 and 2 % the likelihood has its maximum within a factor
+"""Random walk of a scale whose change the accelerometer shows, 1/sqrt(m): 1 % in a kilometre, the widest that the batch
+tries (:mod:`trackfg.smoothing.wheel_scale`). In creep of 1 and 2 % the likelihood has its maximum within a factor
 of three of it."""
 
 _QUIET = 0.25
@@ -65,12 +65,12 @@ class Creep:
 
     @property
     def walk_per_sqrt_m(self) -> float:
-        """The scale walks by so much, 1/sqrt(m)."""
+        """The random walk of the scale over the way, 1/sqrt(m)."""
         return MOST_CREEP / float(np.sqrt(abs(self.way_m)))
 
     @property
     def variance(self) -> float:
-        """The variance of the distance after it, m^2."""
+        """The variance that the walk adds to the distance over the way, m^2."""
         return MOST_CREEP**2 * self.way_m**2 / 3.0
 
     def is_likely(self, variance: float) -> bool:
@@ -138,7 +138,7 @@ def scale_walks(window: Window, declared_per_sqrt_m: float, *, walks: bool) -> b
 
 
 def with_walk(window: Window) -> Window:
-    """Return the window with a scale that walks, as one that the accelerometer sees change."""
+    """Return the window with a scale that walks by :data:`WALK_PER_SQRT_M`, for creep that the accelerometer shows."""
     families = with_walking_scale(window.families, window.states.odo.step[1:], WALK_PER_SQRT_M)
     return replace(window, families=families)
 

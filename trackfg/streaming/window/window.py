@@ -135,7 +135,9 @@ class Window:
             if step.root.length < longest:
                 return step
             window = step.window
-        raise ValueError(f"the step was {step.root.length:.2g} posterior sigmas after {_MOST_STEPS} of them")
+        raise ValueError(
+            f"Gauss-Newton step {_MOST_STEPS} of the window was still {step.root.length:.2g} posterior sigmas long"
+        )
 
     def updated_by(self, root: SquareRoot) -> Window:
         """Return the window after the step of a linear system at its states.
