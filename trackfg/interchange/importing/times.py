@@ -70,6 +70,8 @@ _PERIODS_S = (604_800.0, 86_400.0)
 
 _CLOCK_FORMATS = ("%H:%M:%S.%f", "%H:%M:%S")
 _COLON_BEFORE_MS = re.compile(r"(\d:\d{2}:\d{2}):(\d{3})$")
+_LEAST_RANGE = 256
+"""That of a counter of 8 bit: what starts again after less may as well be a vehicle that turns round."""
 _DAY_S = 86_400
 _DAY_NS = _DAY_S * 1_000_000_000
 
@@ -251,20 +253,57 @@ def unwrapped(count: Array, wraps_at: float | None = None) -> Array:
     """Return a counter (n,) that goes on where it starts again.
 
     ``wraps_at``: the first value that it does not reach; by default the next power of two or ten above its largest
-    value where that is the end of its range, else nothing is undone.
+    value where that is the end of its range, else nothing is undone. A counter that runs back, too, starts again at
+    either end of its range.
     """
     falls = np.flatnonzero(np.diff(count) < 0)
+    if wraps_at is None and count.size > 1:
+        to_and_fro = _unwrapped_to_and_fro(count)
+        if to_and_fro is not None:
+            return to_and_fro
     if falls.size == 0:
         return count
     if wraps_at is None:
-        largest = float(count.max())
-        whole = largest + (1.0 if largest == np.floor(largest) else 0.0)
-        wraps_at = min(float(base ** np.ceil(np.log(whole) / np.log(base) - 1e-9)) for base in (2.0, 10.0))
+        wraps_at = _end_of_range(count)
         if count[falls].min() < 0.9 * wraps_at or count[falls + 1].max() > 0.1 * wraps_at:
             return count
     turns = np.zeros(count.size)
     turns[falls + 1] = 1.0
     return np.asarray(count + np.cumsum(turns) * wraps_at)
+
+
+def _end_of_range(count: Array) -> float:
+    """Return the next power of two or ten above the largest value of a counter (n,)."""
+    largest = float(count.max())
+    whole = largest + (1.0 if largest == np.floor(largest) else 0.0)
+    return min(float(base ** np.ceil(np.log(whole) / np.log(base) - 1e-9)) for base in (2.0, 10.0))
+
+
+def _unwrapped_to_and_fro(count: Array) -> Array | None:
+    """Return a counter (n,) that runs forwards and back, going on at both ends of its range; None where none is plain.
+
+    It leaves its range near one end and is near the other one in the next row, no further on than its other steps lead.
+    Below zero the range is that of a signed number.
+    """
+    lowest = float(count.min())
+    largest = np.array([max(float(count.max()), -lowest - 1.0)]) if lowest < 0.0 else count
+    if not largest.max() > 0.0:
+        return None
+    end = _end_of_range(largest)
+    begin = -end if lowest < 0.0 else 0.0
+    span = end - begin
+    steps = np.diff(count)
+    wraps = np.flatnonzero(np.abs(steps) > 0.8 * span)
+    inside = np.delete(steps, wraps)
+    if span < _LEAST_RANGE or wraps.size == 0 or (lowest >= 0.0 and (steps[wraps] < 0).all() and (inside >= 0).all()):
+        return None
+    usual = float(np.abs(inside).max(initial=0.0))
+    across = steps[wraps] - np.sign(steps[wraps]) * span
+    if usual > 0.1 * span or np.abs(across).max() > 2.0 * max(usual, 1.0):
+        return None
+    turns = np.zeros(count.size)
+    turns[wraps + 1] = -np.sign(steps[wraps])
+    return np.asarray(count + np.cumsum(turns) * span)
 
 
 def _textual(text: pd.Series, notation: TimeNotation, label: str, first_row: int) -> Times:

@@ -258,6 +258,27 @@ def test_the_end_of_a_counter_is_found_where_it_is_plain():
     np.testing.assert_array_equal(unwrapped(falling), falling)
 
 
+@pytest.mark.parametrize("lowest", [0, -32768])
+@pytest.mark.parametrize("start", [40, -40, 65_000])
+def test_a_counter_that_runs_back_goes_on_at_both_ends_of_its_range(lowest, start):
+    way = np.concatenate(
+        [np.arange(0.0, 90_000.0, 20.0), np.arange(90_000.0, -100_000.0, -7.0), np.arange(-100_000.0, 0.0)]
+    )
+    true = start + way
+
+    read = unwrapped((true - lowest) % 65536 + lowest)
+
+    np.testing.assert_array_equal(np.diff(read), np.diff(true))
+
+
+def test_a_counter_that_drops_out_or_turns_round_does_not_start_again():
+    to_and_fro = 100.0 + 90.0 * np.sin(np.arange(500.0))  # as much in a row as half of what looks like its range
+    dropped = np.concatenate([np.arange(30_000.0, 60_000.0, 20.0), [0.0], np.arange(60_000.0, 30_000.0, -20.0)])
+
+    np.testing.assert_array_equal(unwrapped(to_and_fro), to_and_fro)
+    np.testing.assert_array_equal(unwrapped(dropped), dropped)
+
+
 @given(st.floats(50.0, 1000.0), st.sampled_from([0.001, 0.01]), st.integers(0, 10**6))
 @settings(max_examples=60, deadline=None)
 def test_stamps_that_repeat_are_spread_to_where_the_samples_were(rate_hz, quantum, seed):

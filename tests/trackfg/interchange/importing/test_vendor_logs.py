@@ -92,6 +92,29 @@ def test_names_in_two_rows_above_a_row_of_units(drive: Drive, tmp_path: Path, im
     assert (np.diff(back.tach["distance_m"]) > 0.0).all()
 
 
+@pytest.mark.parametrize("wraps_at", [65536, None])
+def test_a_count_of_a_wheel_that_turns_back_is_signed_and_goes_on(
+    wraps_at: int | None, drive: Drive, tmp_path: Path, imported: Import
+) -> None:
+    distance = 3.0 * np.sin(0.9 * drive.t) ** 2 - 1.0  # to and fro, and below where the count began
+    count = np.floor(distance / 1e-5).astype(int) + 150_000
+    names = "time_s;" + ";".join(f"{sensor}_{a}" for sensor in ("gyro", "acc") for a in "xyz") + ";pulses"
+
+    def written(i: int) -> list[str]:
+        shown = count[i] % wraps_at if wraps_at else count[i]
+        return [f"{drive.t[i]:.3f}", *(f"{v:.9f}" for v in (*drive.gyro[i], *drive.accel[i])), f"{shown}"]
+
+    path = _lines(tmp_path / "trolley.csv", names, *_rows(drive, written, ";"))
+    diameter = str(1e-5 * 1000 / np.pi)
+
+    back = _recording(imported(path, tach_pulses_per_rev="1000", tach_wheel_diameter_m=diameter))
+
+    assert back.description.tach is not None
+    assert back.description.tach.signed
+    assert back.tach is not None
+    np.testing.assert_allclose(np.diff(back.tach["distance_m"]), np.diff(distance), atol=1.1e-5)
+
+
 def test_gps_week_and_the_time_in_it_are_a_date(drive: Drive, tmp_path: Path, imported: Import) -> None:
     since = (START_NS - pd.Timestamp("1980-01-06").value) // 10**9 + 18
     names = "%Week,TOW(s),GyroX(deg/s),GyroY(deg/s),GyroZ(deg/s),AccelX(g),AccelY(g),AccelZ(g),WheelSpeed(mph)"

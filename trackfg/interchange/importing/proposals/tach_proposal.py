@@ -15,9 +15,14 @@ from trackfg.interchange.importing.columns.time_columns import is_sample_counter
 from trackfg.interchange.importing.columns.written_units import factor_of, unit_in
 from trackfg.interchange.importing.proposals.questions import Ask, Proposal, Question, asked_number, asked_unit
 from trackfg.interchange.importing.source_table import SourceTable
+from trackfg.interchange.importing.times import unwrapped
 
 _WHEEL = re.compile(r"wheel|rad(?!ar|ius)|axle|achse|tach|odo")
 """Names of speeds that no GNSS receiver gives."""
+_TURNS = 0.3
+"""Share of the steps of each row's own count that are of another sign than the step before."""
+_FALLS = 0.01
+"""Share of the steps that fall where a vehicle rolls back; fewer are rows that are wrong."""
 
 
 def propose_tach(proposal: Proposal, tables: Sequence[SourceTable], ask: Ask) -> None:
@@ -39,18 +44,30 @@ def propose_tach(proposal: Proposal, tables: Sequence[SourceTable], ask: Ask) ->
                 section |= {"kind": "distance", "unit": _unit_of(proposal, table, name, "length", ask)}
             else:
                 section |= _speed(proposal, table, name, ask)
-            if kind != "speed" and _is_of_each_row(table.numbers(name)):
-                section["increments"] = True
-                proposal.reasons["tach.increments"] = f"{name} rises and falls, and is never negative"
+            if kind != "speed":
+                section |= _of_falls(proposal, table.numbers(name), name)
             proposal.sections["tach"] = section
             return
 
 
-def _is_of_each_row(values: np.ndarray) -> bool:
-    """Return whether a count or a distance is that since the row before: it falls as often as it rises."""
+def _of_falls(proposal: Proposal, values: np.ndarray, name: str) -> dict[str, Any]:
+    """Return the keys of a count or a distance that falls: of each row's own, or of a wheel that also turns back.
+
+    What a row has since the one before rises and falls in turn; a wheel turns one way for a while.
+    """
     known = values[np.isfinite(values)]
-    step = np.diff(known)
-    return bool(known.size > 1 and known.min() >= 0.0 and (step < 0.0).sum() > 0.25 * (step != 0.0).sum() > 0.0)
+    steps = np.diff(unwrapped(known))
+    moved = steps[steps != 0.0]
+    falls, turns = float((moved < 0.0).sum()), float((np.diff(np.sign(moved)) != 0.0).sum())
+    if falls > 0.25 * moved.size and turns > _TURNS * moved.size:
+        if known.min() < 0.0:
+            return {}
+        proposal.reasons["tach.increments"] = f"{name} rises and falls in turn, and is never negative"
+        return {"increments": True}
+    if falls > _FALLS * moved.size:
+        proposal.reasons["tach.signed"] = f"{name} falls for a while: the vehicle rolled back"
+        return {"signed": True}
+    return {}
 
 
 def _is_scalar(table: SourceTable, name: str) -> bool:
