@@ -76,6 +76,10 @@ class DialectOptions(Model):
     first_row: Annotated[int, Field(ge=1)] | None = None
 
 
+class NoRowsError(BadInputError):
+    """A file of text holds nothing, or names of columns alone."""
+
+
 @dataclass(frozen=True)
 class Dialect:
     """The dialect is complete: ``first_row`` counts lines from 1, ``names`` and ``units`` are those of the columns."""
@@ -113,11 +117,16 @@ def _guessed(path: Path, options: DialectOptions) -> Dialect:
     if len(sample) == _SAMPLE_BYTES and len(lines) > 1:
         lines = lines[:-1]  # it may be cut off
     if not any(line.strip() for line in lines):
-        raise BadInputError(f"{path.name}: the file is empty; expected a table")
+        raise NoRowsError(f"{path.name}: the file is empty; expected a table")
     delimiter = options.delimiter or _delimiter(lines)
     rows = [cells(line, delimiter) for line in lines]
     width = _usual_width(rows)
     first = options.first_row - 1 if options.first_row is not None else first_data_row(rows, width)
+    if first is None and len(sample) < _SAMPLE_BYTES and not any(_is_value(cell) for row in rows for cell in row):
+        raise NoRowsError(
+            f"{path.name}: no rows of numbers found below the names of columns; expected a table. Hint: where its "
+            "sensor measured nothing, leave the file out"
+        )
     if first is None or first >= len(rows):
         raise BadInputError(
             f"{path.name}: no rows of numbers found (delimiter {delimiter!r}); expected a table. Hint: state "

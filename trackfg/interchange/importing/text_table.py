@@ -17,6 +17,7 @@ from trackfg.interchange.importing.text_dialect import (
     EMPTY_CELLS,
     Dialect,
     DialectOptions,
+    NoRowsError,
     cells,
     dialect_of,
     is_remark,
@@ -47,7 +48,7 @@ def read_text(path: Path, options: DialectOptions | None = None) -> SourceTable:
         elif fault is not None:
             raise BadInputError(_fault(path, dialect, fault)) from fault
     if frame.empty:
-        raise BadInputError(f"{path.name}: the table has no rows; expected data from row {dialect.first_row} on")
+        raise NoRowsError(f"{path.name}: the table has no rows; expected data from row {dialect.first_row} on")
     return SourceTable(path.name, frame, dialect.units, dialect.first_row, remarks=dialect.remarks, notes=notes)
 
 

@@ -11,6 +11,7 @@ import pandas as pd
 import pytest
 from interchange.foreign_forms import START_NS, Drive
 
+from trackfg.errors import BadInputError
 from trackfg.interchange.importing.conversion import Imported, write_imported
 from trackfg.interchange.importing.mapping import mapping_of
 from trackfg.interchange.importing.proposal import propose, unused_columns
@@ -279,6 +280,35 @@ def test_a_log_that_continues_from_file_to_file_is_one(drive: Drive, tmp_path: P
 
     np.testing.assert_array_equal(back.imu["t_s"], drive.t)
     np.testing.assert_array_equal(back.gyro, drive.gyro)
+
+
+@pytest.mark.parametrize("form", ["csv", "parquet"])
+def test_parts_of_a_log_that_hold_no_rows_are_left_out_and_named(
+    form: str, drive: Drive, tmp_path: Path, imported: Import
+) -> None:
+    columns = ["time_s", *(f"gyro_{a}" for a in "xyz"), *(f"acc_{a}" for a in "xyz")]
+    whole = pd.DataFrame(np.column_stack([drive.t, drive.gyro, drive.accel]), columns=columns)
+    (tmp_path / "log").mkdir()
+    for hour, rows in (("07", slice(0, 0)), ("08", slice(0, 900)), ("09", slice(900, None))):
+        write = whole[rows].to_csv if form == "csv" else whole[rows].to_parquet
+        write(tmp_path / f"log/imu_{hour}.{form}", index=False)
+    if form == "csv":
+        (tmp_path / "log/imu_10.csv").touch()
+
+    back = imported(tmp_path / "log")
+    notes = source_format(tmp_path / "log").tables(tmp_path / "log", lambda _: None)[0].notes
+
+    np.testing.assert_array_equal(_recording(back).gyro, drive.gyro)
+    named = ["imu_07.csv", "imu_10.csv"] if form == "csv" else ["imu_07.parquet"]
+    assert [note for note in notes if "no rows" in note] == [f"{name}: has no rows: left out" for name in named]
+
+
+def test_a_table_without_rows_that_continues_no_other_is_refused(tmp_path: Path) -> None:
+    pd.DataFrame({"time_s": np.arange(20.0), "v": 1.0}).to_csv(tmp_path / "speed.csv", index=False)
+    _lines(tmp_path / "gnss_1.csv", "time_s,lat,lon")
+
+    with pytest.raises(BadInputError, match=r"gnss_1.csv: no rows of numbers found below the names of columns"):
+        source_format(tmp_path).tables(tmp_path, lambda _: None)
 
 
 @pytest.mark.parametrize("moved_s", [-5.0, 60.0])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import pairwise
 
 import pandas as pd
@@ -24,7 +25,7 @@ def with_joined_files(tables: Sequence[SourceTable]) -> list[SourceTable]:
     """
     parts: dict[tuple[str, ...], list[SourceTable]] = {}
     for table in tables:
-        parts.setdefault((re.sub(r"\d+", "*", table.name), *table.columns), []).append(table)
+        parts.setdefault((_whole(table.name), *table.columns), []).append(table)
     out = []
     for (name, *_), same in parts.items():
         ordered = _in_order(same) if len(same) > 1 else None
@@ -32,8 +33,32 @@ def with_joined_files(tables: Sequence[SourceTable]) -> list[SourceTable]:
             out += same
         else:
             frame = pd.concat([table.frame for table in ordered], ignore_index=True)
-            out.append(SourceTable(name, frame, ordered[0].units, ordered[0].first_row))
+            notes = tuple(note for table in ordered for note in table.notes)
+            out.append(SourceTable(name, frame, ordered[0].units, ordered[0].first_row, notes=notes))
     return out
+
+
+def without_rowless_parts(tables: Sequence[SourceTable], rowless: Sequence[str]) -> tuple[list[SourceTable], list[str]]:
+    """Return the tables without those that hold no rows and continue one that does, on which is a note.
+
+    ``rowless`` are names of files that hold no table at all; second come those of them that continue none.
+    """
+    beside: dict[str, list[str]] = {}
+    for name in (*rowless, *(table.name for table in tables if table.frame.empty)):
+        beside.setdefault(_whole(name), []).append(name)
+    out, left_out = list[SourceTable](), set[str]()
+    for table in tables:
+        names = [] if table.frame.empty else beside.pop(_whole(table.name), [])
+        left_out |= set(names)
+        notes = tuple(f"{name}: has no rows: left out" for name in names)
+        out.append(replace(table, notes=(*table.notes, *notes)) if notes else table)
+    kept = [table for table in out if not (table.frame.empty and table.name in left_out)]
+    return kept, [name for name in rowless if name not in left_out]
+
+
+def _whole(name: str) -> str:
+    """Return the name of the table that a table of this name may be a part of."""
+    return re.sub(r"\d+", "*", name)
 
 
 def _in_order(tables: list[SourceTable]) -> list[SourceTable] | None:

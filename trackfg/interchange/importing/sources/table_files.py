@@ -16,7 +16,7 @@ from trackfg.errors import BadInputError, first_line
 from trackfg.interchange.importing.columns.calendar_columns import with_whole_dates
 from trackfg.interchange.importing.columns.time_columns import time_columns
 from trackfg.interchange.importing.shapes.channel_tables import by_sensor, with_joined_channels
-from trackfg.interchange.importing.shapes.continued_files import with_joined_files
+from trackfg.interchange.importing.shapes.continued_files import with_joined_files, without_rowless_parts
 from trackfg.interchange.importing.shapes.long_table import wide_tables
 from trackfg.interchange.importing.shapes.missing_values import without_stand_ins
 from trackfg.interchange.importing.shapes.tagged_lines import delimiter_of_tagged, has_sentences, read_tagged
@@ -33,7 +33,7 @@ from trackfg.interchange.importing.sources.columnar import (
 from trackfg.interchange.importing.sources.gnss_log import read_gnss_log
 from trackfg.interchange.importing.sources.records import JSON_SUFFIXES, read_records
 from trackfg.interchange.importing.sources.spreadsheet import SPREADSHEETS, read_spreadsheet
-from trackfg.interchange.importing.text_dialect import in_brackets
+from trackfg.interchange.importing.text_dialect import NoRowsError, in_brackets
 from trackfg.interchange.importing.text_table import read_text
 
 TEXT_SUFFIXES = (".csv", ".txt", ".tsv", ".dat", ".asc", ".log", ".lvm", ".prn")
@@ -71,11 +71,19 @@ def read_table_files(
     ``scratch`` is a folder for what is compressed. Raises :class:`BadInputError`.
     """
     tables: list[SourceTable] = []
+    rowless: dict[str, NoRowsError] = {}
     for name, file in files:
         suffix = _content_suffix(file)
         if suffix in TABLE_SUFFIXES or suffix in GNSS_LOGS or single:
-            found = _read(_decompressed(file, scratch), suffix, dialect_for)
+            try:
+                found = _read(_decompressed(file, scratch), suffix, dialect_for)
+            except NoRowsError as error:
+                rowless[name] = error
+                continue
             tables += [replace(table, name=_renamed(table.name, file, name)) for table in found]
+    tables, alone = without_rowless_parts(tables, list(rowless))
+    if alone:
+        raise rowless[alone[0]]
     made = [part for table in tables for part in _by_channel(table)]
     return with_joined_files(with_joined_channels(made))
 
