@@ -14,6 +14,7 @@ import pandas as pd
 
 from trackfg.checks import diagnosis_axes
 from trackfg.checks.columns import ColumnPlace
+from trackfg.checks.diagnosis_silence import SHORTEST_S
 from trackfg.checks.limits import CheckLimits
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.units import STANDARD_GRAVITY, known_units, to_si
@@ -294,6 +295,7 @@ def _overlaps(
         place = ColumnPlace(part.file, part.time, t)
         found += place.at_first(~near, "clocks-apart", message, expected, hint, "warning")
         if share >= limits.overlap_warning:
+            found += _rolls_on(imu, table, near, place) if name.startswith("tach") else []
             continue
         message = f"the table covers {t[0]:.9g} to {t[-1]:.9g} s, the IMU {begin:.9g} to {end:.9g} s"
         is_error = (share == 0.0 and (t[0] > end or t[-1] < begin)) or not near.any()
@@ -304,6 +306,20 @@ def _overlaps(
         found.append(
             Finding(level, "clocks-apart", message, file=part.file, column=part.time, expected=expected, hint=hint)
         )
+    return found
+
+
+def _rolls_on(imu: pd.DataFrame, tach: pd.DataFrame, near: np.ndarray, place: ColumnPlace) -> list[Finding]:
+    """A wheel that rolls for 20 s or more before the first row of the IMU, or after its last: a part is missing."""
+    (begin, end), t, distance = imu["t_s"].iloc[[0, -1]], tach["t_s"].to_numpy(), tach["distance_m"].to_numpy()
+    expected, hint = "an IMU that measures as long", "look for the missing rows: nothing is estimated there"
+    found, rolls = list[Finding](), np.append(np.diff(distance) != 0.0, False)
+    first, last = f"before the IMU's first row, at {begin:.9g} s", f"after the IMU's last row, at {end:.9g} s"
+    for outside, where in ((near & (t < begin), first), (near & (t > end), last)):
+        rolled = outside & rolls
+        if rolled.any() and np.ptp(t[rolled]) >= SHORTEST_S:
+            message = f"the wheel rolls {np.abs(np.diff(distance[outside])).sum():.4g} m {where}"
+            found += place.at_first(outside, "imu-absent", message, expected, hint, "warning")
     return found
 
 

@@ -508,6 +508,21 @@ def test_a_latitude_elsewhere_and_a_partial_overlap_are_warnings(draft: Draft, t
     assert "33% of its rows are within" in found["clocks-apart"]
 
 
+@pytest.mark.parametrize(
+    ("keeps", "said"),
+    [(lambda t: t < t.max() - 25.0, "after the IMU's last row"), (lambda t: t > 60.0, "before the IMU's first row")],
+)
+def test_a_wheel_that_rolls_on_without_the_imu_is_a_warning(
+    keeps: Callable[[pd.Series], pd.Series], said: str, draft: Draft, tmp_path: Path
+) -> None:
+    draft.tables["imu.csv"] = draft["imu"][keeps(draft["imu"]["t"])]
+
+    found = doubts(draft, tmp_path / "rec")
+
+    assert said in found["imu-absent"]
+    assert "tach.csv, column 't', data row" in found["imu-absent"]
+
+
 def test_findings_carry_their_parts(draft: Draft, tmp_path: Path) -> None:
     put("imu", 17, "wx", np.nan)(draft)
     (finding,) = check_recording(draft.write(tmp_path / "rec")).findings
