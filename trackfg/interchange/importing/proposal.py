@@ -100,8 +100,9 @@ def _gnss(proposal: Proposal, tables: Sequence[SourceTable]) -> None:
             section["height_unit"] = "mm"  # as in messages of u-blox, whose sigmas are in mm, too
             section["sd"] = list(GNSS_SD_M)
             proposal.reasons["gnss.sd"] = "m, east, north, up: assumed, since the source states no unit of its own"
-        if height is not None and unit_in(table.units.get(height) or height, "length") in ("ft", "feet"):
-            section["height_unit"] = "ft"
+        stated_height = unit_in(table.units.get(height) or height, "length") if height is not None else None
+        if stated_height is not None and factor_of(stated_height, "length") != 1.0:
+            section["height_unit"] = stated_height
         proposal.sections["gnss"] = section
         return
 

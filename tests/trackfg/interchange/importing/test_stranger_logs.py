@@ -688,18 +688,20 @@ def test_lines_of_several_kinds_are_tables_that_a_mapping_names(drive: Drive, tm
     _is_of(recording, drive, dated=False)
 
 
-@pytest.mark.parametrize("unit", ["rad", "1e-7 deg", "ddmm"])
+@pytest.mark.parametrize("unit", ["rad", "1e-7 deg", "1e-7 deg, mm", "deg, ft", "ddmm"])
 def test_coordinates_in_other_units(unit: str, drive: Drive, tmp_path: Path, imported: Import) -> None:
     degrees = np.interp(drive.t, drive.gnss_t, drive.latitude), np.full(drive.t.size, 7.4)
     written = {
         "rad": (np.radians(degrees), "lat [rad],lon [rad],alt [m]", "{:.12f}", 1.0),
         "1e-7 deg": (np.round(np.multiply(degrees, 1e7)), "lat,lon,height", "{:.0f}", 1000.0),
+        "1e-7 deg, mm": (np.round(np.multiply(degrees, 1e7)), "lat_1e7,lon_1e7,alt_mm", "{:.0f}", 1000.0),
+        "deg, ft": (np.asarray(degrees), "lat,lon,alt_ft", "{:.9f}", 1 / 0.3048),
         "ddmm": (np.floor(degrees) * 100.0 + np.mod(degrees, 1.0) * 60.0, "lat,lon,alt", "{:.7f}", 1.0),
     }
     coordinates, names, form, height = written[unit]
     rows = _cells(drive, _seconds(drive), rate=DEG, force=G, wheel=1 / 3.6)
     rows = [
-        [*row, *(form.format(v) for v in place), f"{500 * height:.0f}"]
+        [*row, *(form.format(v) for v in place), f"{500 * height:.7f}"]
         for row, place in zip(rows, coordinates.T, strict=True)
     ]
     source = _text(tmp_path / "log.csv", [f"{HEAD},{names}"], rows)
