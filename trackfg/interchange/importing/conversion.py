@@ -27,7 +27,7 @@ from trackfg.interchange.importing.balise_places import COLUMNS, planned_places
 from trackfg.interchange.importing.columns.time_columns import time_columns, time_unit
 from trackfg.interchange.importing.mapping import BALISES, MappedSensor, Mapping, fits
 from trackfg.interchange.importing.recorded_columns import in_recorded_units
-from trackfg.interchange.importing.sample_stamps import repeated_rows, sorted_rows, spread_stamps
+from trackfg.interchange.importing.sample_stamps import repeated_rows, sorted_rows, spread_stamps, tick_s
 from trackfg.interchange.importing.source_table import ROW_NUMBER, SourceTable
 from trackfg.interchange.importing.stations import read_stations
 from trackfg.interchange.importing.times import Times, as_datetime, as_ns, read_times, start_of
@@ -56,6 +56,8 @@ _FASTEST_S = 0.04
 _HELD_S = 1.5
 """A position that is the same for longer is one of a vehicle at rest, s: the slowest receivers have 1 Hz."""
 
+_FINE_TICK_S = 0.1
+"""A clock that ticks more seldom may be so far off that the smoother has to find it."""
 _TIME_DIGITS = 9
 """Decimals of times, s: dates are whole nanoseconds."""
 _PLACES_FILE = "balise_places.parquet"
@@ -332,7 +334,15 @@ def _in_order(table: SourceTable, sensor: MappedSensor) -> tuple[SourceTable, Ti
         table, times = _taken(table, times, np.flatnonzero(~twice))
         since = times.since(times.first_ns)
     spread = spread_stamps(since)
-    return table, times if spread is since else Times.after(times.first_ns, spread, times.zone, times.notes)
+    if spread is since:
+        return table, times
+    tick = tick_s(since)
+    notes = times.notes
+    if tick is not None and tick > _FINE_TICK_S:
+        notes += (
+            f"{table.name}: the clock ticks every {tick:.4g} s only: rows are spread, and may all be half of it off",
+        )
+    return table, Times.after(times.first_ns, spread, times.zone, notes)
 
 
 def _taken(table: SourceTable, times: Times, rows: np.ndarray) -> tuple[SourceTable, Times]:

@@ -9,6 +9,10 @@ from trackfg.numerics.arrays import Array
 
 _LINE_ROWS = 2000
 """Rows of one straight line: 10 s at 200 Hz, in which no logger's rate drifts by a sample."""
+_LINE_TICKS = 20
+"""Least ticks of one straight line, if the clock ticks as coarsely as that."""
+_COARSE_TICKS = 100
+"""With fewer ticks on a line, the mean of a staircase is not steep enough: its ends were off by q / 2 / ticks."""
 _DISPLACED = 0.01
 """Share of rows that buffers of a logger bring out of their order; more is a clock that was set."""
 
@@ -58,10 +62,11 @@ def spread_stamps(t: Array) -> Array:
     ticks = step[step > 0]
     quantum = float(ticks.min()) if ticks.size else 0.0
     breaks = np.flatnonzero(step > max(10.0 * usual, 3.0 * quantum)) + 1
+    rows = max(_LINE_ROWS, int(_LINE_TICKS * quantum / usual) if usual > 0.0 else 0)
     out = t.copy()
     for first, last in zip([0, *breaks], [*breaks, t.size], strict=True):
-        for a in range(first, last, _LINE_ROWS):
-            b = last if last - a < 2 * _LINE_ROWS else a + _LINE_ROWS
+        for a in range(first, last, rows):
+            b = last if last - a < 2 * rows else a + rows
             if b - a >= 3:
                 out[a:b] = _line(t[a:b])
             if b == last:
@@ -69,9 +74,22 @@ def spread_stamps(t: Array) -> Array:
     return out if (np.diff(out) > 0).all() else _strictly(out, usual)
 
 
+def tick_s(t: Array) -> float | None:
+    """Return by how much the clock ticks, s, whose times (n,) repeat in most rows; None where they do not."""
+    step = np.diff(t)
+    return float(step[step > 0].min()) if (step > 0).any() and (step == 0).mean() > 0.5 else None
+
+
 def _line(t: Array) -> Array:
     i = np.arange(t.size, dtype=np.float64)
-    slope, offset = np.polyfit(i, t, 1)
+    step = np.diff(t)
+    ticks, firsts = step[step > 0], np.flatnonzero(step > 0) + 1
+    if 1 < firsts.size < _COARSE_TICKS and ticks.max() < 1.5 * ticks.min():
+        # The first rows of the ticks lie on the line up to a sample; the middle of a tick is half of one later.
+        slope, offset = np.polyfit(i[firsts], t[firsts], 1)
+        offset += 0.5 * (slope - ticks.mean())
+    else:
+        slope, offset = np.polyfit(i, t, 1)
     return np.asarray(offset + slope * i)
 
 

@@ -295,6 +295,16 @@ def test_stamps_that_repeat_are_spread_to_where_the_samples_were(rate_hz, quantu
         assert np.std(error[100:2900]) < 0.1 * quantum + 1e-4
 
 
+@pytest.mark.parametrize(("rate_hz", "quantum"), [(100.0, 1.0), (99.7, 1.0), (200.0, 1.0), (50.0, 0.1), (100.0, 60.0)])
+def test_samples_of_a_clock_that_ticks_coarsely_are_regular_and_half_a_tick_early(rate_hz, quantum):
+    true = 0.37 + np.arange(30_000) / rate_hz
+
+    error = spread_stamps(np.floor(true / quantum) * quantum) - true
+
+    assert np.ptp(error) < 0.5 / rate_hz
+    assert abs(error.mean() + 0.5 * quantum) < 1.0 / rate_hz
+
+
 def test_a_cell_that_is_no_place_is_named_with_its_row():
     table = SourceTable("posts.csv", pd.DataFrame({"km": ["12+345", "bridge"]}), first_row=3)
 
