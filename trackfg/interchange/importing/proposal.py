@@ -14,7 +14,7 @@ import tomli_w
 
 from trackfg.errors import BadInputError
 from trackfg.interchange.importing.balise_places import COLUMNS
-from trackfg.interchange.importing.columns.column_meaning import first_of
+from trackfg.interchange.importing.columns.column_meaning import first_of, kind_in
 from trackfg.interchange.importing.columns.column_names import parts_of
 from trackfg.interchange.importing.columns.time_columns import states_no_zone
 from trackfg.interchange.importing.columns.written_units import factor_of, unit_in
@@ -42,6 +42,8 @@ UNKNOWN_HEIGHT_SD_M = 1000.0
 RAW_DEGREES = "1e-7 deg"
 """Unit of coordinates in messages of u-blox and of MAVLink."""
 _RIGHT_ANGLE = 90.0
+_NUMBERS = ("gyro", "accel", "free_accel", "count", "distance", "speed", "latitude", "longitude")
+"""Kinds of columns that are lost where a cell is text."""
 
 
 def propose(tables: Sequence[SourceTable], ask: Ask, given: dict[str, Any] | None = None) -> Proposal:
@@ -58,6 +60,10 @@ def propose(tables: Sequence[SourceTable], ask: Ask, given: dict[str, Any] | Non
 def propose_columns(tables: Sequence[SourceTable], ask: Ask, given: dict[str, Any] | None = None) -> Proposal:
     """Propose what the columns are, as :func:`propose` does, before anything is read from their values."""
     proposal = Proposal({"format": FORMAT, **(given or {})})
+    for table in tables if given is None else ():
+        for name in table.columns:
+            if kind_in(table, name) in _NUMBERS:
+                table.refuse_stray_text(name)
     if "imu" not in proposal.sections:
         propose_imu(proposal, tables, ask)
     if "tach" not in proposal.sections:

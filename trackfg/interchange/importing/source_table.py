@@ -15,6 +15,9 @@ from trackfg.numerics.arrays import Array
 ROW_NUMBER = "row number"
 """The name by which a mapping means the number of a row, from 0, in a table without such a column."""
 
+_STRAY = 0.1
+"""Share of the cells below which text among numbers is a fault of theirs, not another kind of column."""
+
 
 @dataclass(frozen=True)
 class SourceTable:
@@ -61,14 +64,33 @@ class SourceTable:
             return column.to_numpy(dtype=np.float64, na_value=np.nan)
         if not pd.api.types.is_string_dtype(column):
             raise BadInputError(f"{self.name}: column {name!r} holds {column.dtype}; expected numbers")
+        self.refuse_stray_text(name)
         text = column.str.strip()
-        values = pd.to_numeric(text, errors="coerce")
-        wrong = np.flatnonzero(values.isna() & text.notna() & (text != ""))
+        wrong = _no_numbers(text)
         if wrong.size:
-            row, cell = self.first_row + int(wrong[0]), printable(str(column.iloc[int(wrong[0])]))[:40]
-            more = f" ({wrong.size} such cells)" if wrong.size > 1 else ""
-            raise BadInputError(
-                f"{self.name}: column {name!r}, row {row}: {cell!r} is not a number{more}; expected a number. "
-                "Hint: state the decimal sign and the delimiter under [[text]] in the mapping"
-            )
+            raise BadInputError(self._refused_cells(name, wrong))
+        values = pd.to_numeric(text, errors="coerce")
         return values.to_numpy(dtype=np.float64, na_value=np.nan)
+
+    def refuse_stray_text(self, name: str) -> None:
+        """Raise :class:`BadInputError` with the first cell that is text where most cells of a column are numbers."""
+        column = self.column(name)
+        if not pd.api.types.is_string_dtype(column):
+            return
+        text = column.str.strip()
+        comma = _no_numbers(text.str.replace(",", ".", regex=False))
+        if 0 < comma.size < _STRAY * (text.notna() & (text != "")).sum():
+            raise BadInputError(self._refused_cells(name, comma))
+
+    def _refused_cells(self, name: str, wrong: np.ndarray) -> str:
+        row, cell = self.first_row + int(wrong[0]), printable(str(self.frame[name].iloc[int(wrong[0])]))[:40]
+        more = f" ({wrong.size} such cells)" if wrong.size > 1 else ""
+        return (
+            f"{self.name}: column {name!r}, row {row}: {cell!r} is not a number{more}; expected a number. "
+            "Hint: correct or empty such cells, or state the decimal sign under [[text]] in the mapping"
+        )
+
+
+def _no_numbers(text: pd.Series) -> np.ndarray:
+    """Return the places of cells that hold something other than a number."""
+    return np.flatnonzero(pd.to_numeric(text, errors="coerce").isna() & text.notna() & (text != ""))

@@ -688,6 +688,19 @@ def test_lines_of_several_kinds_are_tables_that_a_mapping_names(drive: Drive, tm
     _is_of(recording, drive, dated=False)
 
 
+@pytest.mark.parametrize("column", ["gx_dps", "v_kmh"])
+def test_a_word_among_numbers_is_named_with_its_row(
+    column: str, drive: Drive, tmp_path: Path, imported: Import
+) -> None:
+    head = "t_s,gx_dps,gy_dps,gz_dps,ax_g,ay_g,az_g,v_kmh"
+    values = np.column_stack([drive.t, drive.gyro / DEG, drive.accel / G, 3.6 * drive.speed])
+    rows = [[f"{value:.9f}" for value in row] for row in values]
+    rows[700][head.split(",").index(column)] = "overflow"
+
+    with pytest.raises(BadInputError, match=f"column '{column}', row 702: 'overflow' is not a number; expected a"):
+        imported(_text(tmp_path / "log.csv", [head], rows))
+
+
 @pytest.mark.parametrize("unit", ["rad", "1e-7 deg", "1e-7 deg, mm", "deg, ft", "ddmm"])
 def test_coordinates_in_other_units(unit: str, drive: Drive, tmp_path: Path, imported: Import) -> None:
     degrees = np.interp(drive.t, drive.gnss_t, drive.latitude), np.full(drive.t.size, 7.4)
