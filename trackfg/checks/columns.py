@@ -13,6 +13,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from trackfg.numerics.arrays import Array
+from trackfg.recording.description import RecordingDescription
 from trackfg.recording.findings import Finding, Level
 from trackfg.recording.model import (
     FIX_COLUMNS,
@@ -170,6 +171,16 @@ def outside(values: Array, low: float, high: float, place: ColumnPlace) -> list[
 
 def memory_faults(recording: Recording) -> list[Finding]:
     """Return what a reader refuses in files, of a recording that was made from tables in memory."""
+    if not isinstance(recording.description, RecordingDescription):
+        message, hint = (
+            f"is of type {type(recording.description).__name__}",
+            "RecordingDescription.model_validate makes one",
+        )
+        return [
+            Finding(
+                "error", "not-a-description", message, file="description", expected="a RecordingDescription", hint=hint
+            )
+        ]
     found = []
     for name, table in recording.tables.items():
         kind = name.partition("/")[0]
@@ -195,9 +206,13 @@ def _table_faults(file: str, table: pd.DataFrame, names: tuple[str, ...]) -> lis
         return [Finding("error", "missing-column", message, file=file, column=missing[0], expected=expected, hint=hint)]
     found = []
     for name in names:
-        if not pd.api.types.is_numeric_dtype(table[name]):
-            message, expected = f"holds {table[name].dtype}", "numbers" + (", s" if name == names[0] else "")
-            found.append(Finding("error", "not-numeric", message, file=file, column=name, expected=expected))
+        dtype = table[name].dtype
+        if not pd.api.types.is_numeric_dtype(dtype) or not isinstance(dtype, np.dtype):
+            message, expected = f"holds {dtype}", "numbers" + (", s" if name == names[0] else "")
+            hint = None
+            if pd.api.types.is_numeric_dtype(dtype):
+                expected, hint = f"{expected}, as NumPy has them", "convert the table by astype('float64')"
+            found.append(Finding("error", "not-numeric", message, file=file, column=name, expected=expected, hint=hint))
     if found:
         return found
     t = table[names[0]].to_numpy(dtype=np.float64, na_value=np.nan)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -77,6 +78,11 @@ def check_recording(
     CheckReport
         Every finding, errors first, and the estimates.
 
+    Raises
+    ------
+    TypeError
+        For anything but a path: a recording in memory is written first.
+
     Examples
     --------
     >>> import trackfg
@@ -86,6 +92,11 @@ def check_recording(
     >>> trackfg.check_recording("no-such-run").findings[0].message
     'no such folder'
     """
+    if not isinstance(path, str | os.PathLike):
+        raise TypeError(
+            "check_recording takes the folder of a recording, as trackfg.write_recording(recording, folder) writes it, "
+            f"not {type(path).__name__}"
+        )
     limits, begin = limits or CheckLimits(), progress or (lambda stage, done: None)
     begin("reading", 0.0)
     loaded = load(path, limits)

@@ -523,6 +523,11 @@ def test_a_wheel_that_rolls_on_without_the_imu_is_a_warning(
     assert "tach.csv, column 't', data row" in found["imu-absent"]
 
 
+def test_a_recording_in_memory_is_no_folder() -> None:
+    with pytest.raises(TypeError, match=r"takes the folder of a recording, as trackfg.write_recording.* not DataFrame"):
+        check_recording(pd.DataFrame())  # type: ignore[arg-type]
+
+
 def test_findings_carry_their_parts(draft: Draft, tmp_path: Path) -> None:
     put("imu", 17, "wx", np.nan)(draft)
     (finding,) = check_recording(draft.write(tmp_path / "rec")).findings

@@ -278,6 +278,12 @@ UNREADABLE: dict[str, tuple[Callable[[Recording], Recording], str]] = {
     "dates": (
         lambda sound: replace(sound, imu=sound.imu.assign(t_s=pd.to_datetime(sound.imu["t_s"], unit="s"))),
         r"^table 'imu', column 't_s': holds datetime64.*; expected numbers, s"),
+    "numbers that pandas has of its own": (
+        lambda sound: replace(sound, imu=sound.imu.astype("Float64")),
+        r"^table 'imu', column 't_s': holds Float64; expected numbers, s, as NumPy .* Hint: convert .* astype"),
+    "a description that was not validated": (
+        lambda sound: replace(sound, description=sound.description.model_dump()),
+        r"^description: is of type dict; expected a RecordingDescription. Hint: RecordingDescription.model_validate"),
     "an array": (
         lambda sound: replace(sound, tach=sound.imu.to_numpy()),
         r"^table 'tach': is of type ndarray; expected a pandas.DataFrame"),
