@@ -209,10 +209,12 @@ def _table_faults(file: str, table: pd.DataFrame, names: tuple[str, ...]) -> lis
         dtype = table[name].dtype
         if not pd.api.types.is_numeric_dtype(dtype) or not isinstance(dtype, np.dtype):
             message, expected = f"holds {dtype}", "numbers" + (", s" if name == names[0] else "")
-            hint = None
+            remedy = None
             if pd.api.types.is_numeric_dtype(dtype):
-                expected, hint = f"{expected}, as NumPy has them", "convert the table by astype('float64')"
-            found.append(Finding("error", "not-numeric", message, file=file, column=name, expected=expected, hint=hint))
+                expected, remedy = f"{expected}, as NumPy has them", "convert the table by astype('float64')"
+            found.append(
+                Finding("error", "not-numeric", message, file=file, column=name, expected=expected, hint=remedy)
+            )
     if found:
         return found
     t = table[names[0]].to_numpy(dtype=np.float64, na_value=np.nan)

@@ -252,8 +252,9 @@ def _ask(question: Question) -> str:
     except EOFError:
         if question.optional:
             return question.default
-        hint = "Hint: take the defaults by --yes"
-        raise BadInputError(f"{question.key}: no answer to: {question.text}. {hint}") from None
+        by_mapping = "state it in a mapping, for trackfg import (docs/importing.md)"
+        hint = "take the defaults by --yes" if question.default else by_mapping
+        raise BadInputError(f"{question.key}: no answer to: {question.text}. Hint: {hint}") from None
 
 
 def _report_geometry(result: Result, out: Path) -> None:

@@ -149,7 +149,13 @@ def _fault(path: Path, dialect: Dialect, error: Exception) -> str:
                 if number >= dialect.first_row and line.strip():
                     found = len(cells(line.rstrip("\r\n"), dialect.delimiter))
                     if found != width and not is_remark(line.rstrip("\r\n"), dialect.delimiter):
-                        return f"{path.name}: row {number} has {found} cells; expected {width}, as in the others"
+                        cut = found < width and not any(later.strip() for later in stream)
+                        hint = ". Hint: it is the last row: where the file was cut off, delete it to read the rest"
+                        several = "1 cell" if found == 1 else f"{found} cells"
+                        return (
+                            f"{path.name}: row {number} has {several}; expected {width}, as in the others"
+                            f"{hint if cut else ''}"
+                        )
     except UnicodeDecodeError as fault:
         return f"{path.name}: byte {fault.start} is not {dialect.encoding}; expected another encoding"
     except csv.Error as fault:

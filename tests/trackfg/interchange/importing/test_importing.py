@@ -144,6 +144,9 @@ def test_init_says_what_it_recognised_and_takes_the_place_where_the_run_begins(t
     ended = _trackfg("init", source, "-o", tmp_path / "third", answers="yes\n")
     assert ended.returncode == 2
     assert "track.gauge_m: no answer to: Track gauge, m. Hint: take the defaults by --yes" in ended.stderr
+    table.rename(columns={"Distance (m)": "Pulses"}).to_csv(source, index=False)
+    ended = _trackfg("init", source, "-o", tmp_path / "fourth", answers="")
+    assert "Pulses. Hint: state it in a mapping, for trackfg import (docs/importing.md)" in ended.stderr  # no default
 
 
 def test_a_recording_is_never_overwritten_and_nothing_is_left_of_a_failed_import(tmp_path):

@@ -90,7 +90,11 @@ def test_what_the_mapping_states_is_not_guessed(tmp_path):
         ("\n\n", "empty"),
         ("hello world\nthis is prose\n", "no rows of numbers"),
         ("a;b\n1;2\n3;4\n5;6;7\n8;9\n", "row 4 has 3 cells; expected 2"),
-        ("a;b\n1;2\n3\n5;6\n", "row 3 has 1 cells; expected 2"),
+        ("a;b\n1;2\n3\n5;6\n", "row 3 has 1 cell; expected 2, as in the others$"),
+        (
+            "a;b\n1;2\n3;4\n5",
+            "row 4 has 1 cell; expected 2, as in the others. Hint: it is the last row: where the file",
+        ),
         ("a,b\n\x00\x01", "null bytes"),
     ],
 )

@@ -53,7 +53,7 @@ def asked(ask: Ask, question: Question) -> str:
 
 def asked_number(ask: Ask, key: str, text: str, default: str) -> float:
     """Return a number above zero."""
-    expected = f"a number such as {default}" if default else "a number"
+    expected = f"a number with a decimal point, such as {default}" if default else "a number"
     return float(asked(ask, Question(key, text, default, accepts=_is_positive, expected=expected)))
 
 
