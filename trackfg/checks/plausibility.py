@@ -254,7 +254,7 @@ def tach_findings(tach: Tach, section: Section, table: pd.DataFrame, limits: Che
     found = speed_findings("tach-unit", speed, tach, hint, limits)
     if tach.wheel_diameter_m is not None:
         key = Section(section.file, f"{section.name}.wheel_diameter_m")
-        found += _unusual_size("warning", "wheel-diameter", tach.wheel_diameter_m, (0.2, 2.0), key)
+        found += _unusual_size("warning", "wheel-diameter", tach.wheel_diameter_m, (0.05, 2.0), key)
     return found
 
 

@@ -523,6 +523,16 @@ def test_a_wheel_that_rolls_on_without_the_imu_is_a_warning(
     assert "tach.csv, column 't', data row" in found["imu-absent"]
 
 
+@pytest.mark.parametrize(("diameter", "is_doubtful"), [(0.159, False), (0.86, False), (0.02, True), (2.5, True)])
+def test_a_diameter_that_no_wheel_has_is_a_warning(
+    diameter: float, is_doubtful: bool, draft: Draft, tmp_path: Path
+) -> None:
+    tach = draft.toml["tach"]
+    tach |= {"pulses_per_rev": tach["pulses_per_rev"] * diameter / 0.86, "wheel_diameter_m": diameter}
+
+    assert ("wheel-diameter" in doubts(draft, tmp_path / "rec")) == is_doubtful
+
+
 def test_a_recording_in_memory_is_no_folder() -> None:
     with pytest.raises(TypeError, match=r"takes the folder of a recording, as trackfg.write_recording.* not DataFrame"):
         check_recording(pd.DataFrame())  # type: ignore[arg-type]
