@@ -116,6 +116,21 @@ def test_a_count_of_a_wheel_that_turns_back_is_signed_and_goes_on(
     np.testing.assert_allclose(np.diff(back.tach["distance_m"]), np.diff(distance), atol=1.1e-5)
 
 
+def test_the_way_of_each_row_is_one_however_smoothly_it_rises_and_falls(
+    drive: Drive, tmp_path: Path, imported: Import
+) -> None:
+    way = 0.01 * (1.0 + 0.5 * np.sin(drive.t))
+    names = "time_s;" + ";".join(f"{sensor}_{a}" for sensor in ("gyro", "acc") for a in "xyz") + ";distance_m"
+
+    def written(i: int) -> list[str]:
+        return [f"{drive.t[i]:.3f}", *(f"{v:.9f}" for v in (*drive.gyro[i], *drive.accel[i], way[i]))]
+
+    back = _recording(imported(_lines(tmp_path / "rows.csv", names, *_rows(drive, written, ";"))))
+
+    assert back.tach is not None
+    np.testing.assert_allclose(np.diff(back.tach["distance_m"]), way[1:], atol=1e-8)
+
+
 def test_gps_week_and_the_time_in_it_are_a_date(drive: Drive, tmp_path: Path, imported: Import) -> None:
     since = (START_NS - pd.Timestamp("1980-01-06").value) // 10**9 + 18
     names = "%Week,TOW(s),GyroX(deg/s),GyroY(deg/s),GyroZ(deg/s),AccelX(g),AccelY(g),AccelZ(g),WheelSpeed(mph)"

@@ -9,13 +9,14 @@ from typing import Any, Literal
 import numpy as np
 import pandas as pd
 
+from trackfg.errors import BadInputError
 from trackfg.interchange.importing.columns.column_meaning import first_of, has_axes_beside, kind_in
 from trackfg.interchange.importing.columns.column_names import parts_of
 from trackfg.interchange.importing.columns.time_columns import is_sample_counter
 from trackfg.interchange.importing.columns.written_units import factor_of, unit_in
 from trackfg.interchange.importing.proposals.questions import Ask, Proposal, Question, asked_number, asked_unit
 from trackfg.interchange.importing.source_table import SourceTable
-from trackfg.interchange.importing.times import unwrapped
+from trackfg.interchange.importing.times import TimeNotation, read_times, unwrapped
 
 _WHEEL = re.compile(r"wheel|rad(?!ar|ius)|axle|achse|tach|odo")
 """Names of speeds that no GNSS receiver gives."""
@@ -23,6 +24,8 @@ _TURNS = 0.3
 """Share of the steps of each row's own count that are of another sign than the step before."""
 _FALLS = 0.01
 """Share of the steps that fall where a vehicle rolls back; fewer are rows that are wrong."""
+_FASTEST_MPS = 170.0
+"""No train is faster."""
 
 
 def propose_tach(proposal: Proposal, tables: Sequence[SourceTable], ask: Ask) -> None:
@@ -45,29 +48,48 @@ def propose_tach(proposal: Proposal, tables: Sequence[SourceTable], ask: Ask) ->
             else:
                 section |= _speed(proposal, table, name, ask)
             if kind != "speed":
-                section |= _of_falls(proposal, table.numbers(name), name)
+                section |= _of_falls(proposal, table, section)
             proposal.sections["tach"] = section
             return
 
 
-def _of_falls(proposal: Proposal, values: np.ndarray, name: str) -> dict[str, Any]:
+def _of_falls(proposal: Proposal, table: SourceTable, section: dict[str, Any]) -> dict[str, Any]:
     """Return the keys of a count or a distance that falls: of each row's own, or of a wheel that also turns back.
 
-    What a row has since the one before rises and falls in turn; a wheel turns one way for a while.
+    What a row has since the one before rises and falls in turn, or smoothly within what a vehicle rolls in a row; a
+    wheel turns one way for a while.
     """
+    name = section["column"]
+    values = table.numbers(name)
     known = values[np.isfinite(values)]
-    steps = np.diff(unwrapped(known))
+    going_on = unwrapped(known)
+    steps = np.diff(going_on)
     moved = steps[steps != 0.0]
     falls, turns = float((moved < 0.0).sum()), float((np.diff(np.sign(moved)) != 0.0).sum())
-    if falls > 0.25 * moved.size and turns > _TURNS * moved.size:
-        if known.min() < 0.0:
-            return {}
-        proposal.reasons["tach.increments"] = f"{name} rises and falls in turn, and is never negative"
+    in_turn = turns > _TURNS * moved.size
+    if falls > 0.25 * moved.size and known.min() >= 0.0 and (in_turn or _can_be_of_each_row(table, section, going_on)):
+        proposal.reasons["tach.increments"] = f"{name} rises and falls, and is never negative"
         return {"increments": True}
-    if falls > _FALLS * moved.size:
+    if falls > _FALLS * moved.size and not in_turn:
         proposal.reasons["tach.signed"] = f"{name} falls for a while: the vehicle rolled back"
         return {"signed": True}
     return {}
+
+
+def _can_be_of_each_row(table: SourceTable, section: dict[str, Any], values: np.ndarray) -> bool:
+    """Return whether a vehicle could roll that much from each row to the next."""
+    columns = [section["time"]] if isinstance(section["time"], str) else section["time"]
+    notation = TimeNotation(section.get("time_unit"), tick_s=section.get("tick_s"))
+    try:
+        t = read_times(table, tuple(columns), notation).since(None)
+    except BadInputError:
+        return True
+    interval = float(t[-1] - t[0]) / max(t.size - 1, 1)
+    if section["kind"] == "pulses":
+        metres = np.pi * section["wheel_diameter_m"] / section["pulses_per_rev"]
+    else:
+        metres = factor_of(section["unit"], "length") or 1.0
+    return bool(np.quantile(values, 0.9) * metres <= _FASTEST_MPS * interval)
 
 
 def _is_scalar(table: SourceTable, name: str) -> bool:
