@@ -50,7 +50,7 @@ from trackfg.streaming.vibration_test import VibrationTest
 from trackfg.streaming.window.moving_window import LostWindow, MovingWindow
 from trackfg.streaming.window.running_window import FilterUpdate, Relinearisation, RunningWindow
 from trackfg.streaming.window.sample_buffer import SampleBuffer
-from trackfg.streaming.window.starting_window import StartingWindow
+from trackfg.streaming.window.starting_window import START_S, StartingWindow
 from trackfg.streaming.window.window import Window
 
 if TYPE_CHECKING:
@@ -299,6 +299,7 @@ class FixedLagSmoother:
             pieces = [self._tables.next_piece(self._buffer, inputs, lost.begin_s, at_end=True)]
             done_s = lost.begin_s
         self._begin_tables_after(done_s)
+        self._sigma_test.lost = lost.begin_s, lost.begin_s + START_S
         event = Event("restarted", t_s=lost.begin_s, detail=lost.reason)
         return PassOutput(pieces, (*(event for piece in pieces for event in piece.events), event))
 

@@ -18,6 +18,7 @@ import pandas as pd
 
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.chi_square import exceeds_chance, independent_number
+from trackfg.numerics.spans import Span
 from trackfg.output.trajectory import QUANTITIES
 from trackfg.results.events import DOUBT, Event
 from trackfg.results.verdict import Quantity
@@ -49,13 +50,15 @@ class SigmaTest:
 
     ``waiting`` (w, 17): filtered rows that have no smoothed ones yet, ``newest`` (0 or 1, 17) the newest smoothed row;
     ``sums`` (8, 3): the number of whitened differences, the sum of their squares, and that of their products with the
-    one before; ``before`` (8,): the last one, NaN at first.
+    one before; ``before`` (8,): the last one, NaN at first. ``lost``: between these times, s, filtered rows are of a
+    window that was lost, and smoothed ones of the next, whose frame is another without GNSS.
     """
 
     waiting: Array = field(default_factory=lambda: np.zeros((0, 1 + 2 * len(QUANTITIES))))
     newest: Array = field(default_factory=lambda: np.zeros((0, 1 + 2 * len(QUANTITIES))))
     sums: Array = field(default_factory=lambda: np.zeros((len(QUANTITIES), 3)))
     before: Array = field(default_factory=lambda: np.full(len(QUANTITIES), np.nan))
+    lost: Span = (np.inf, np.inf)
 
     def put(self, filtered: pd.DataFrame, smoothed: pd.DataFrame) -> None:
         """Take the next rows of both tables, whose columns are those of a trajectory."""
@@ -66,7 +69,7 @@ class SigmaTest:
         rows = np.concatenate([self.newest, smoothed.to_numpy(dtype=np.float64)])
         self.newest = rows[-1:].copy()
         t, first, last = self.waiting[:, 0], rows[0, 0], rows[-1, 0]
-        matched = self.waiting[(t >= first) & (t <= last)]
+        matched = self.waiting[(t >= first) & (t <= last) & ((t <= self.lost[0]) | (t >= self.lost[1]))]
         self.waiting = self.waiting[t > last].copy()
         for i in range(len(QUANTITIES)):
             self._add(i, _in_sigmas(matched, rows, 1 + 2 * i, is_angle=QUANTITIES[i].endswith("_rad")))

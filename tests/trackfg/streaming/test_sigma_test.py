@@ -62,6 +62,15 @@ def test_few_differences_that_last_may_be_chance() -> None:
     assert len(put_through(0.8).events(400.0)) == 1
 
 
+def test_rows_of_a_lost_window_are_not_held_against_the_next_one() -> None:
+    """From 100 s on the frame is another one; filtered rows up to 110 s are of the old one still."""
+    test, t = SigmaTest(), np.arange(200.0)
+    test.lost = 100.0, 110.0
+    east, away = 0.4 * np.random.default_rng(1).standard_normal(200), 50.0 * (t > 100.0)
+    test.put(rows(t, FILTERED_SD, east_m=east + np.where(t < 110.0, 0.0, away)), rows(t, SMOOTHED_SD, east_m=away))
+    assert test.events(200.0) == ()
+
+
 def test_directions_on_both_sides_of_the_cut_are_near() -> None:
     assert put_through(0.4, yaw=1.0).events(400.0) == ()
 
