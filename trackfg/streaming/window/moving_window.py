@@ -63,7 +63,7 @@ class MovingWindow:
 
     def has_rows_for(self, t: float) -> bool:
         """Return whether the rows that a keyframe at ``t`` needs are there."""
-        return self.buffer.until >= t + AFTER_S
+        return self.buffer.until >= t + AFTER_S and (self.running is None or self.running.has_tach_for(t))
 
     def prepare(self, t: float) -> None:
         """Do what can be done of the keyframe at ``t`` before its last rows come.

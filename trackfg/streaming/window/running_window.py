@@ -78,6 +78,9 @@ _DAMPED_BEFORE = 0.5
 """Share of such work that counts in the next window, where the heading stayed unknown. The 25,000 that are left for
 that one are still enough for the simulated lines.
 """
+_CERTAIN_SIGMAS = 3.0
+"""A vehicle whose speed is so many sigmas from 0 moves: at a rest of minutes an inertial sensor alone may show 0.3 m/s.
+"""
 _EDGE_S = 1e-9
 """Keyframes are on edges of the inertial record, but for rounding, s."""
 _ROLLING = 0.9
@@ -198,6 +201,10 @@ class RunningWindow:
             float(self.newest.t[0]), spacing / max(1.0 / config.interval_s, speed / config.distance_m)
         )
 
+    def has_tach_for(self, t: float) -> bool:
+        """Return whether the tach's rows that a keyframe at ``t`` needs are there, or will not come."""
+        return self.tach is None or self.tach.rows_end(t, self.buffer.tach, self.buffer.until) is not None
+
     def prepare(self, t: float) -> None:
         """Predict the interval to the keyframe at ``t``, if the inertial sensor's rows reach as far.
 
@@ -218,9 +225,11 @@ class RunningWindow:
         if self.tach is None:
             self.tach = late_tach(self.buffer, self.context.config, last, float(newest.states.odo.count[0]))
         if self.tach is not None:
-            nav, buffer = newest.states.nav, self.buffer
-            speed = float(nav.v[0] @ nav.R[0, :, 0])
-            wheel = self.tach.wheel_until(t + AFTER_S, buffer.tach, last, speed, buffer.uncounted)
+            navs, buffer = (newest.states.nav, pair.prediction.interval.predicted.nav), self.buffer
+            forward = (float(nav.v[0] @ nav.R[0, :, 0]) for nav in navs)
+            begin, end = (speed if abs(speed) > _CERTAIN_SIGMAS * self.speed_sd else 0.0 for speed in forward)
+            until = self.tach.rows_end(t, buffer.tach, buffer.until) or t + AFTER_S
+            wheel = self.tach.wheel_until(until, buffer.tach, last, (begin, end), buffer.uncounted)
         interval = with_other_rows(pair.prediction, self.buffer.other_rows_between(last, t), wheel, self.speed_sd)
         interval = interval._replace(families=self.noise.weigh_wheel(interval.families))
         gnss_width = self.context.config.position.gnss_width

@@ -28,6 +28,8 @@ AFTER_S = 0.3
 _FIRST_SAMPLES = 10
 """Number of samples over which the sampling interval is the median."""
 _POSITIONS = ("fixes", "gnss")
+_SAME_S = 1e-9
+"""Times nearer than this, s, are equal but for rounding."""
 _OTHERS_AFTER_S = 0.3
 """Time after an interval, s, up to which rows of further sensors are at hand when it is completed."""
 _AT_REST_S = 0.5
@@ -132,23 +134,20 @@ class SampleBuffer:
     def keyframe_after(self, last: float, spacing_s: float) -> float | None:
         """Return the time of the next keyframe, s, on an edge of the inertial record; None while that ends before it.
 
-        It is ``spacing_s`` after the ``last`` one (s), or at a position or the edge of a hole that comes about then.
+        It is ``spacing_s`` after the ``last`` one (s), or the first at or after a position, or at the edge of a hole,
+        that comes about then: so a position belongs to the interval that ends with its keyframe.
         """
         due = last + spacing_s
         for table in self.positions.values():
             times = table[:, 0]
             soon = min(last + (1.0 + TOO_CLOSE) * (due - last), due + AFTER_S)
-            measured = times[(times > last + 1e-3) & (times < soon)]
+            measured = times[(times > last + _SAME_S) & (times < soon)]
             if measured.size:
                 due = float(measured[0])
         due = min([due, *self.hole_edges(last, due)[:1]])
         edges = self.inertial.edges
-        at = int(np.searchsorted(edges, due))
-        if at >= len(edges):
-            return None
-        if due - edges[at - 1] < edges[at] - due and edges[at - 1] > last:
-            at -= 1
-        return float(edges[at])
+        at = int(np.searchsorted(edges, due - _SAME_S))
+        return float(edges[at]) if at < len(edges) else None
 
     def hole_edges(self, begin: float, until: float) -> Array:
         """Return the edges in (begin, until] at which a hole or a break of the inertial record begins or ends, s."""
@@ -169,8 +168,12 @@ class SampleBuffer:
         return bool(((after >= begin) & (after < until)).any())
 
     def other_rows_between(self, begin: float, end: float) -> Recording:
-        """Return a recording of fixes and GNSS, and of further sensors with rows from just before and after."""
-        fixes, gnss = (self._frame(name, self.positions[name], begin, end) for name in _POSITIONS)
+        """Return a recording of the fixes and GNSS after ``begin`` and up to ``end``, s, and of further sensors.
+
+        Of these there are rows from just before and after as well.
+        """
+        after, until = begin + _SAME_S, end + _SAME_S
+        fixes, gnss = (self._frame(name, self.positions[name], after, until) for name in _POSITIONS)
         return Recording(
             self.description,
             NO_SAMPLES,
@@ -193,7 +196,7 @@ class SampleBuffer:
         tach = None
         if self.description.tach is not None:
             tach = pd.DataFrame(_between(self.tach, begin, end), columns=list(TACH_COLUMNS))
-        return replace(self.other_rows_between(begin, end), imu=imu, tach=tach)
+        return replace(self.other_rows_between(begin - 2.0 * _SAME_S, end), imu=imu, tach=tach)
 
     def first_speed(self, since: float) -> float | None:
         """Return when the first row from ``since`` (s) on was measured that tells of the speed."""

@@ -13,8 +13,10 @@ import numpy as np
 from trackfg.factors.factor_type import FactorType
 from trackfg.factors.family import Family, changed
 from trackfg.numerics.arrays import Array
+from trackfg.numerics.spans import median_interval
 from trackfg.recording.description import Tach
 from trackfg.sensors.tach import CRAWL_MPS, Wheel, longest_silence_s, read_resolution, silences
+from trackfg.streaming.window.sample_buffer import AFTER_S
 
 _KEPT_S = 3.0
 """Maximum age of the rows kept, before the newest keyframe, s: rates are means over some tenths."""
@@ -24,6 +26,8 @@ _MOST_ROWS = 20_000
 """Number of rows since the wheel began to turn after which it is known, too."""
 _ASSUMED_STEP_M = 0.05
 """A step of a tach whose description gives none, m: coarser than any of 64 pulses a turn."""
+_LATE_INTERVALS = 1.5
+"""A row that has not come after so many usual intervals is missing."""
 _AT_PULSES = 0.2
 """Rounding, in steps, below which rows are the pulses' own times; of rows at any times it is 0.29 (1/sqrt(12))."""
 
@@ -33,8 +37,8 @@ class TachBuffer:
     """The newest rows of a tach. ``wheel``: that of the first rows, with the resolution as far as it is known.
 
     ``rows`` (m, 2): times and signed distances, ``raw`` the last one's distance as recorded. ``sense``: in which an
-    unsigned tach counts, 1 or -1. A silence longer than ``longest_silence_s`` is a gap. ``resolution``: None where the
-    tach gives speeds.
+    unsigned tach counts, 1 or -1. A silence longer than ``longest_silence_s`` is a gap; a row later than ``late_s``
+    after the one before is missing. ``resolution``: None where the tach gives speeds.
     """
 
     wheel: Wheel
@@ -42,6 +46,7 @@ class TachBuffer:
     raw: float
     signed: bool
     longest_silence_s: float
+    late_s: float = 0.0
     resolution: TachResolution | None = None
     sense: float = 1.0
 
@@ -51,9 +56,9 @@ class TachBuffer:
         signed_rows = np.column_stack([wheel.t, wheel.distance])
         resolution = None if wheel.integrates_speed else TachResolution.of(tach)
         signed = tach.signed or wheel.integrates_speed
-        longest = longest_silence_s(wheel.t, max_gap_s)
+        silence, late = longest_silence_s(wheel.t, max_gap_s), _LATE_INTERVALS * median_interval(wheel.t)
         last = len(signed_rows) - 1
-        tach_buffer = cls(wheel, signed_rows, float(rows[last, 1]), signed, longest, resolution)
+        tach_buffer = cls(wheel, signed_rows, float(rows[last, 1]), signed, silence, late, resolution)
         tach_buffer._learn(rows[: last + 1])
         return tach_buffer
 
@@ -80,23 +85,44 @@ class TachBuffer:
             quantum, rounding = self.resolution.quantum, self.resolution.rounding_sd
             self.wheel = replace(self.wheel, quantum=quantum, rounding_sd=rounding)
 
-    def wheel_until(self, until: float, rows: Array, newest_s: float, speed: float, uncounted: Array) -> Wheel:
+    def rows_end(self, t: float, rows: Array, until: float) -> float | None:
+        """Return up to when ``rows`` (n, 2) are needed for a keyframe at ``t``, s; None while one of these may come.
+
+        The rows ``until`` now, s, have come. A tach that is read once a second is waited for; one whose rows are the
+        pulses' own times may stand still.
+        """
+        end, next_row = t + AFTER_S, int(np.searchsorted(rows[:, 0], t))
+        at_pulses = self.resolution is not None and self.resolution.at_pulses
+        if not at_pulses and not (next_row < len(rows) and rows[next_row, 0] <= end):
+            if next_row < len(rows) and rows[next_row, 0] <= t + self.late_s:
+                return float(rows[next_row, 0])
+            return end if until >= max(end, t + self.late_s) else None
+        return end if until >= end else None
+
+    def wheel_until(
+        self, until: float, rows: Array, newest_s: float, speeds: tuple[float, float], uncounted: Array
+    ) -> Wheel:
         """Return the wheel up to ``until``, s. ``rows`` (n, 2) as recorded; all since the last call must be among them.
 
-        Rows up to the newest keyframe, at ``newest_s`` with the forward ``speed`` (m/s), are signed for good. In the
-        spans ``uncounted`` (u, 2), s, the tach did not count.
+        ``speeds``: forward, m/s, at the newest keyframe, which is at ``newest_s``, and predicted at the next; 0 where
+        not known to be another. Rows up to the newest keyframe are signed for good. In the spans ``uncounted`` (u, 2),
+        s, the tach did not count.
         """
-        if not self.signed and abs(speed) > CRAWL_MPS:
-            self.sense = float(np.sign(speed))
         fresh = rows[(rows[:, 0] > self.rows[-1, 0]) & (rows[:, 0] <= until)]
         self._learn(fresh)
-        signed = self.rows[-1, 1] + self.sense * (fresh[:, 1] - self.raw)
+        self.sense = before = self._sense_at(speeds[0])
+        sense = np.where(fresh[:, 0] > newest_s, self._sense_at(speeds[1]), before)
+        signed = self.rows[-1, 1] + np.cumsum(sense * np.diff(fresh[:, 1], prepend=self.raw))
         every = np.concatenate([self.rows, np.column_stack([fresh[:, 0], signed])])
         raw = np.concatenate([np.full(len(self.rows), self.raw), fresh[:, 1]])
         settled = max(int(np.searchsorted(every[:, 0], newest_s, side="right")), 1)
         first = min(max(int(np.searchsorted(every[:, 0], newest_s - _KEPT_S)) - 1, 0), settled - 1)
         self.rows, self.raw = every[first:settled], float(raw[settled - 1])
         return self._wheel(every, until, uncounted)
+
+    def _sense_at(self, speed: float) -> float:
+        """Return the sense in which an unsigned tach counts at a forward ``speed``, m/s."""
+        return self.sense if self.signed or abs(speed) <= CRAWL_MPS else float(np.sign(speed))
 
     def wheel_over(self, rows: Array, t: Array, count: Array, uncounted: Array) -> Wheel:
         """Return the wheel over keyframes at ``t`` (n,), s, from ``rows`` (m, 2) as recorded, at least one.

@@ -185,5 +185,28 @@ def test_an_unsigned_tach_counts_down_backwards() -> None:
     first = Wheel(np.array([-1.0, 0.0]), np.zeros(2), 1e-3, 0.0, False, NOTHING)
     buffer = TachBuffer(first, np.array([[0.0, 3.0]]), 40.0, signed=False, longest_silence_s=2.0)
     recorded = np.array([[0.5, 42.0], [1.0, 44.0]])
-    wheel = buffer.wheel_until(1.0, recorded, 0.0, -4.0, NOTHING)
+    wheel = buffer.wheel_until(1.0, recorded, 0.0, (-4.0, -4.0), NOTHING)
     np.testing.assert_allclose(wheel.at(np.array([0.0, 0.5, 1.0])), [3.0, 1.0, -1.0])
+
+
+def at_rest(late_s: float = 0.0) -> TachBuffer:
+    """An unsigned tach at rest at 0 s, which shows 3 m and has counted 40 m."""
+    first = Wheel(np.array([-1.0, 0.0]), np.zeros(2), 1e-3, 0.0, False, NOTHING)
+    return TachBuffer(first, np.array([[0.0, 3.0]]), 40.0, signed=False, longest_silence_s=2.0, late_s=late_s)
+
+
+def test_an_unsigned_tach_that_departs_counts_as_the_vehicle_is_predicted_to_move() -> None:
+    """At rest the speed is not known to be another than 0, and a sense once taken would last."""
+    recorded, t = np.array([[0.5, 42.0], [1.0, 44.0]]), np.array([0.0, 0.5, 1.0])
+    for predicted, shown in ((-2.0, [3.0, 1.0, -1.0]), (0.0, [3.0, 5.0, 7.0])):
+        wheel = at_rest().wheel_until(1.0, recorded, 0.0, (0.0, predicted), NOTHING)
+        np.testing.assert_allclose(wheel.at(t), shown)
+
+
+def test_rows_of_a_slow_tach_are_waited_for_until_they_are_missing() -> None:
+    buffer, rows = at_rest(late_s=1.5), np.array([[0.0, 40.0], [1.0, 42.0]])
+    assert buffer.rows_end(0.9, rows, 1.2) == pytest.approx(1.2)  # as of any tach: 0.3 s more than the keyframe
+    assert buffer.rows_end(0.5, rows, 1.0) == 1.0
+    assert buffer.rows_end(1.4, rows, 2.8) is None
+    assert buffer.rows_end(1.4, rows, 2.9) == pytest.approx(1.7)  # it is missing
+    assert buffer.rows_end(1.4, np.concatenate([rows, [[2.0, 44.0]]]), 2.0) == 2.0
