@@ -131,13 +131,12 @@ class FixVotes:
             votes = 1 if rival is None else rival.votes + 1
             self._replace(rival, Rival(float(further), float(sigma), min(votes, self.votes)))
 
-    def vote_on_fixes(
-        self, interval: Interval, newest: States, *, wheels_alone: bool = False
-    ) -> tuple[Interval, float]:
+    def vote_on_fixes(self, interval: Interval, newest: States, others_sd_m: float = 0.0) -> tuple[Interval, float]:
         """Count the fixes of the interval after the ``newest`` keyframe; return it with contradicting fixes withheld.
 
         The second value is by how much the accepted position shifts, m; the interval is not shifted by it, nor by the
-        ``creep`` that a fix may show. ``wheels_alone``: nothing else measures the distance, so creep is unnoticed.
+        ``creep`` that a fix may show. ``others_sd_m``: the sigma with which others than wheels tell where the vehicle
+        is, infinite where there are none; creep beyond it would not go unnoticed.
         """
         fixes = family_of(interval.families, FactorType.ABSOLUTE_FIX)
         if fixes is None or fixes.loss is None:
@@ -158,8 +157,11 @@ class FixVotes:
                         self.tested, self.squares = self.tested + 1, self.squares + (innovation / sd) ** 2
                     self._count_agreement(position, interval.t)
                 continue
-            if wheels_alone and not repeated and not shift_m and self._has_crept(innovation, sd, position, interval.t):
-                continue
+            if others_sd_m and not repeated and not shift_m:
+                creep = self._creep_since_agreement(innovation, position)
+                if creep is not None and creep.is_likely(sd**2, others_sd_m):
+                    self._follow(creep, sd, position, interval.t)
+                    continue
             shift = 0.0 if repeated else self._count_contradiction(innovation, sigma, sd, position, interval.t)
             shift_m += shift
             withheld[i] = not shift
@@ -193,19 +195,21 @@ class FixVotes:
         else:
             self.rivals = _with_vote_less(self.rivals)
 
-    def _has_crept(self, innovation: float, sd: float, position: float, t: float) -> bool:
-        """Return whether a fix at ``position``, m, and time ``t``, s, shows that the wheel crept, and follow that."""
+    def _creep_since_agreement(self, innovation: float, position: float) -> Creep | None:
+        """Return the creep that a fix at ``position``, m, would show; None where none agreed since the last creep."""
         if self.agreed_m is None or self.creep is not None:
-            return False
-        creep = Creep(innovation, position - innovation - self.agreed_m, self.agreed_s)
-        if not creep.is_likely(sd**2):
-            return False
+            return None
+        return Creep(innovation, position - innovation - self.agreed_m, self.agreed_s)
+
+    def _follow(self, creep: Creep, sd: float, position: float, t: float) -> None:
+        """Take it that the wheel crept, as a fix at ``position``, m, and time ``t``, s, with an innovation of sigma
+        ``sd``, m, shows.
+        """
         self.creep, self.walk_per_sqrt_m, self.walks_for = creep, creep.walk_per_sqrt_m, MOST_VOTES
         self.agreed_m, self.agreed_s = position, t
-        moved = tuple(replace(rival, further_m=rival.further_m - innovation) for rival in self.rivals)
+        moved = tuple(replace(rival, further_m=rival.further_m - creep.further_m) for rival in self.rivals)
         self.rivals = tuple(rival for rival in moved if abs(rival.further_m) > GATE * np.hypot(sd, rival.sd_m))
         self.events += (creep.event(t),)
-        return True
 
     def _count_contradiction(self, innovation: float, sigma: float, sd: float, position: float, t: float) -> float:
         """Return by how much the accepted position shifts, m: 0 unless the fix makes a rival the accepted one.

@@ -23,7 +23,7 @@ import numpy as np
 
 from trackfg.errors import UnsolvableError
 from trackfg.factors.factor_type import FactorType
-from trackfg.factors.family import Family
+from trackfg.factors.family import Family, family_of
 from trackfg.factors.states import Kind, States, offset_in_keyframe
 from trackfg.graph.inertial import walk_of
 from trackfg.graph.motion import resting
@@ -235,7 +235,7 @@ class RunningWindow:
         gnss_width = self.context.config.position.gnss_width
         interval = interval._replace(families=self.gnss.weigh_next(interval.families, gnss_width))
         if not self.on_map:
-            interval, shift_m = self.votes.vote_on_fixes(interval, newest.states, wheels_alone=self._wheels_alone)
+            interval, shift_m = self.votes.vote_on_fixes(interval, newest.states, self._others_sd_m)
             creep = self.votes.pop_creep()
             if shift_m:
                 return self._record(self._jump_along_track(interval, shift_m))
@@ -343,10 +343,17 @@ class RunningWindow:
         return FilterUpdate.of(self.undelivered_pass.whole_window, self.undelivered_pass.root)
 
     @property
-    def _wheels_alone(self) -> bool:
-        """Return whether nothing in the window but wheels and fixes measures the distance."""
-        others = (FactorType.GNSS_POSITION, FactorType.SPEED_DISTANCE)
-        return not any(family.type in others and len(family) for family in self.window.families)
+    def _others_sd_m(self) -> float:
+        """The sigma of the window's newest GNSS position, m; infinite where only wheels and fixes measure the distance.
+
+        A further sensor of the speed notices any creep.
+        """
+        speed, gnss = (
+            family_of(self.window.families, kind) for kind in (FactorType.SPEED_DISTANCE, FactorType.GNSS_POSITION)
+        )
+        if speed is not None and len(speed):
+            return 0.0
+        return float(np.max(gnss.sigma[-1, :2])) if gnss is not None and len(gnss) else np.inf
 
     def _record(self, update: FilterUpdate) -> FilterUpdate:
         self.speed_sd = update.speed_sd

@@ -12,6 +12,8 @@ with the probabilities W and E and the length R of the line as in the batch's co
 (:mod:`trackfg.graph.fix_consensus`). Creep is a scale that has walked since the last fix that agreed, w metres before,
 with a sigma of ``MOST_CREEP`` at the end, so that ``q^2 w = MOST_CREEP^2``: creep is likelier than a wrong fix where r
 is below 2.7 % of w (over less than 1 km, below some 3 %). A fix with the chainage of another balise is further off.
+Where positions of GNSS have the sigma g, errors and their duration included, creep beyond that would not have gone
+unnoticed: the variance of the walk is the parallel sum of ``q^2 w^3 / 3`` and ``g^2``.
 
 If the wheel crept, the window has a scale that walks by q since that fix, and its marginal prior allows for the walk
 before the window. The accelerometer shows where in the window the scale changed. Wheels of further axles have one scale
@@ -73,10 +75,14 @@ class Creep:
         """The variance that the walk adds to the distance over the way, m^2."""
         return MOST_CREEP**2 * self.way_m**2 / 3.0
 
-    def is_likely(self, variance: float) -> bool:
-        """Return whether it is likelier than a wrong fix; ``variance`` (m^2) is that of the difference without it."""
+    def is_likely(self, variance: float, others_sd_m: float = np.inf) -> bool:
+        """Return whether it is likelier than a wrong fix; ``variance`` (m^2) is that of the difference without it.
+
+        ``others_sd_m``: the sigma with which others than wheels tell where the vehicle is; more would not go unnoticed.
+        """
         line_m = max(SHORTEST_LINE_M, abs(self.way_m))
-        return not wrong_is_likelier(self.further_m, variance + self.variance, line_m)
+        unnoticed = 1.0 / (1.0 / self.variance + 1.0 / others_sd_m**2)
+        return not wrong_is_likelier(self.further_m, variance + unnoticed, line_m)
 
     def event(self, t: float) -> Event:
         """Return the event of a fix at ``t``, s, that shows the creep."""

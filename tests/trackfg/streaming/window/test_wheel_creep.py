@@ -74,20 +74,21 @@ def passing(distance: float, fix: float, t: float) -> tuple[Interval, States]:
     return Interval(t, np.zeros(6), at(distance), nothing, np.zeros((6, Kind.IMU.dim)), (family,)), at(distance - 10.0)
 
 
-def votes_after(offset: float, *, wheels_alone: bool) -> tuple[FixVotes, list[FactorType]]:
+def votes_after(offset: float, others_sd_m: float) -> tuple[FixVotes, list[FactorType]]:
     """The votes after three fixes that agree and one that does not, 500 m apart, and what became of the last."""
     votes = FixVotes(distance_scale_covariance=np.diag([0.1, 1e-6]))
     for i, off in enumerate([0.0, 0.0, 0.0, offset]):
         interval, newest = passing(500.0 * i, 500.0 * i + off, 20.0 * i)
-        interval, _ = votes.vote_on_fixes(interval, newest, wheels_alone=wheels_alone)
+        interval, _ = votes.vote_on_fixes(interval, newest, others_sd_m)
     return votes, [family.type for family in interval.families]
 
 
 @pytest.mark.parametrize(
-    ("offset", "wheels_alone", "follows"), [(8.0, True, True), (8.0, False, False), (200.0, True, False)]
+    ("offset", "others_sd_m", "follows"),
+    [(8.0, np.inf, True), (8.0, 10.0, True), (8.0, 1.0, False), (8.0, 0.0, False), (200.0, np.inf, False)],
 )
-def test_only_what_nobody_else_would_notice_is_creep(offset: float, wheels_alone: bool, follows: bool) -> None:
-    votes, became = votes_after(offset, wheels_alone=wheels_alone)
+def test_only_what_nobody_else_would_notice_is_creep(offset: float, others_sd_m: float, follows: bool) -> None:
+    votes, became = votes_after(offset, others_sd_m)
     assert became == [FactorType.ABSOLUTE_FIX if follows else FactorType.WITHHELD_FIX]
     assert (votes.pop_creep() is not None) == follows
     assert votes.pop_creep() is None
@@ -96,14 +97,14 @@ def test_only_what_nobody_else_would_notice_is_creep(offset: float, wheels_alone
 
 
 def test_the_scale_walks_until_so_many_fixes_agree_as_a_place_has_votes() -> None:
-    votes, _ = votes_after(8.0, wheels_alone=True)
+    votes, _ = votes_after(8.0, np.inf)
     creep = votes.pop_creep()
     assert creep is not None
     assert (creep.further_m, creep.way_m, creep.since_s) == pytest.approx((8.0, 500.0, 40.0))
     for left in reversed(range(MOST_VOTES)):
         assert votes.walk_per_sqrt_m == pytest.approx(creep.walk_per_sqrt_m)
         place = 2000.0 + 500.0 * (MOST_VOTES - left)
-        votes.vote_on_fixes(*passing(place, place, 100.0), wheels_alone=True)
+        votes.vote_on_fixes(*passing(place, place, 100.0), np.inf)
     assert votes.walk_per_sqrt_m == 0.0
 
 
