@@ -640,6 +640,7 @@ _SENSORS = (
                 "or declared > max(FAR_OFF",
                 "or declared < 0.0 * max(FAR_OFF",
             ),
+            _one("rests tell of what comes alone", "density**2 + factor**2 * part", "density**2 + 0.0 * part"),
         ),
     ),
     Part(
@@ -736,6 +737,7 @@ _STREAMING = (
         ("tests/trackfg/streaming/window/test_wheel_creep.py",),
         (
             _one("any fix is creep", "return not wrong_is_likelier(", "return True or wrong_is_likelier("),
+            _one("GNSS notices no creep", "1.0 / others_sd_m**2", "0.0"),
             _one("the place stays where creep shows", "+= creep.further_m * since", "+= 0.0 * since"),
             _one("the likelihood of a walk is not asked", "return gain > (", "return gain > 1e9 + ("),
         ),
@@ -780,12 +782,17 @@ _STREAMING = (
                 "variance += _between_rows(t, smoothed[:, 0], values)",
                 "variance += 0.0",
             ),
+            _one("rows of a lost window count", "((t <= self.lost[0]) |", "((t <= np.inf) |"),
         ),
     ),
     Part(
         "trackfg/streaming/window/tach_buffer.py",
         (_WINDOW_TEST,),
-        (_one("an unsigned tach keeps its sense backwards", "float(np.sign(speed))", "1.0"),),
+        (
+            _one("an unsigned tach keeps its sense backwards", "float(np.sign(speed))", "1.0"),
+            _one("a departure has the sense of the rest", "self._sense_at(speeds[1])", "before"),
+            _one("a slow tach is not waited for", "until >= max(end, t + self.late_s)", "until >= end"),
+        ),
     ),
 )
 

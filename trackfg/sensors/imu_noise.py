@@ -30,7 +30,7 @@ Two more things count as noise of an interval:
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -183,20 +183,11 @@ class NoiseFloor:
 
     def with_rests(self, data: Intervals, rests: Array) -> NoiseFloor:
         """Return the same plus, all the time, what means over half a second in ``rests`` (r, 2), s, show besides."""
-        middle = 0.5 * (self.knots[1:] + self.knots[:-1])
-        long = rests[np.diff(rests, axis=1)[:, 0] >= _REST_MEAN_S]
-        counts = ((long[:, 1] - long[:, 0]) / _REST_MEAN_S).astype(int)
-        edges = [np.linspace(begin, end, count + 1) for (begin, end), count in zip(long, counts, strict=True)]
-        t = np.concatenate([np.zeros(0), *(0.5 * (each[1:] + each[:-1]) for each in edges)])
-        means = np.hstack([means_around(t, _REST_MEAN_S, data.edges, samples) for samples in (data.gyro, data.accel)])
-        off = [rest - np.median(rest, axis=0) for rest in np.split(means, np.cumsum(counts)[:-1]) if len(rest)]
-        scatter, resting = np.concatenate([np.zeros((0, 6)), *off]), within(middle, rests)
-        if len(scatter) <= len(rests) or not resting.any():
-            return self
-        floor = np.median(self.seen[resting], axis=0)
-        shown = _REST_MEAN_S * np.array([robust_sd(x) for x in scatter.T]) ** 2
-        clearly = shown > (1.0 + _SIGMAS * np.sqrt(2.0 / (_EFFICIENCY * len(scatter)))) * floor
-        return replace(self, seen=self.seen + np.where(clearly, shown - floor, 0.0))
+        return self.raised(RestNoise.of(data, self, rests).excess)
+
+    def raised(self, by: Array) -> NoiseFloor:
+        """Return the same with densities squared higher ``by`` (6,), gyro first, all the time."""
+        return replace(self, seen=self.seen + by) if by.any() else self
 
     def between(self, t: Array, gyro: float, accel: float) -> WhiteNoise:
         """Return the white noise between times ``t`` (m + 1,), s: as seen, but at least as declared."""
@@ -207,6 +198,47 @@ class NoiseFloor:
         return WhiteNoise.of_variance(
             np.diff(interpolate_columns(t, self.knots, total), axis=0) / span + (lost**2 + shocks**2) / span
         )
+
+
+@dataclass(frozen=True)
+class RestNoise:
+    """Means over half a second at rest differ by ``off`` (k, 6), gyro first, from the median of their rest.
+
+    ``floor`` (b, 6) is the floor of spectra in blocks at rest.
+    """
+
+    off: Array = field(default_factory=lambda: np.zeros((0, 6)))
+    floor: Array = field(default_factory=lambda: np.zeros((0, 6)))
+
+    @classmethod
+    def of(cls, data: Intervals, floor: NoiseFloor, rests: Array) -> RestNoise:
+        """Return that of ``rests`` (r, 2), s, in a record with the given floor; nothing where these are too short."""
+        middle = 0.5 * (floor.knots[1:] + floor.knots[:-1])
+        long = rests[np.diff(rests, axis=1)[:, 0] >= _REST_MEAN_S]
+        counts = ((long[:, 1] - long[:, 0]) / _REST_MEAN_S).astype(int)
+        edges = [np.linspace(begin, end, count + 1) for (begin, end), count in zip(long, counts, strict=True)]
+        t = np.concatenate([np.zeros(0), *(0.5 * (each[1:] + each[:-1]) for each in edges)])
+        means = np.hstack([means_around(t, _REST_MEAN_S, data.edges, samples) for samples in (data.gyro, data.accel)])
+        off = [rest - np.median(rest, axis=0) for rest in np.split(means, np.cumsum(counts)[:-1]) if len(rest)]
+        resting = within(middle, rests)
+        if len(t) <= len(rests) or not resting.any():
+            return cls()
+        return cls(np.concatenate(off), floor.seen[resting])
+
+    def joined(self, later: RestNoise, most: int) -> RestNoise:
+        """Return that of these and later rests, of no more than the newest ``most`` means and blocks."""
+        off, floor = (np.concatenate(both)[-most:] for both in ((self.off, later.off), (self.floor, later.floor)))
+        return RestNoise(off, floor)
+
+    @property
+    def excess(self) -> Array:
+        """The density squared (6,) that the means show beyond the floor where it is clearly more, else 0."""
+        if not len(self.off):
+            return np.zeros(6)
+        floor = np.median(self.floor, axis=0)
+        shown = _REST_MEAN_S * np.array([robust_sd(x) for x in self.off.T]) ** 2
+        clearly = shown > (1.0 + _SIGMAS * np.sqrt(2.0 / (_EFFICIENCY * len(self.off)))) * floor
+        return np.where(clearly, shown - floor, 0.0)
 
 
 def _summed(edges: Array, t: Array, values: Array) -> Array:

@@ -245,7 +245,7 @@ class FixedLagSmoother:
             covariance = self._chainage.with_uncertainty(covariance, two, buffer.description.track.direction)
         # Of the samples of this interval alone: those of the whole buffer depend on how rows came in.
         running, t = self._running, window.t[-2:]
-        run = running.context.run_of(t, buffer.intervals(*t.tolist()), running.noise.at(t[:-1]))
+        run = running.context.run_of(t, buffer.intervals(*t.tolist()), running.noise)
         at = np.array([window.t[-1]])
         rate = buffer.mean_rate(at[0]) - two.bias[-1:, 3:]
         over, interval, end = np.array([RATE_WINDOW_S]), np.zeros(1, dtype=np.int64), np.ones(1)

@@ -69,11 +69,12 @@ class Prediction(NamedTuple):
 
 
 def predict_interval(
-    context: StreamContext, window: Window, data: Intervals, edges: np.ndarray, *, broken: bool = False
+    context: StreamContext, window: Window, data: Intervals, edges: np.ndarray, excess: Array, *, broken: bool = False
 ) -> Prediction:
     """Predict from the newest keyframe to the next one, at ``edges`` (2,) of the inertial ``data``, which go a bit on.
 
-    ``broken``: the sensor was off for an unknown time that is not on the clock.
+    ``excess`` (6,): by what the density squared of the noise is above what its spectrum shows. ``broken``: the sensor
+    was off for an unknown time that is not on the clock.
     """
     k = len(window) - 1
     newest = window.states.take(slice(k, k + 1))
@@ -85,7 +86,7 @@ def predict_interval(
         config=context.config,
         world=context.world,
         data=data,
-        floor=NoiseFloor.of(data),
+        floor=NoiseFloor.of(data).raised(excess),
         wheel=None,
         rests=_NO_RESTS,
         path=standing,

@@ -5,6 +5,10 @@ in the window and of those that were marginalised before. A level says by what t
 of gyro and accelerometer nearby in time, those of other groups usually. Where levels change, the window is solved
 again; factors to come have sigmas of the newest levels. What was marginalised before stays as it was. Residuals of
 long ago are forgotten, since speed, track and weather change.
+
+At rest all that the inertial sensor shows is noise: as in the batch, means over half a second show there what is below
+the keyframe rate (:class:`~trackfg.sensors.imu_noise.RestNoise`). All intervals have at least that noise, from the pass
+on that finds the rest.
 """
 
 from __future__ import annotations
@@ -19,9 +23,11 @@ from trackfg.factors.family import Family, changed
 from trackfg.factors.imu import Preintegration
 from trackfg.numerics.arrays import Array
 from trackfg.results.events import Event
+from trackfg.sensors.imu_noise import NoiseFloor, RestNoise
 from trackfg.smoothing.noise_levels import FAMILIES, FAR_OFF, levels_over_time, levels_seen, raised_level, settled
 from trackfg.smoothing.reassessment import others_are_worse
 from trackfg.solver.variance_components import LEAST_REDUNDANCY, Residuals
+from trackfg.streaming.window.sample_buffer import SampleBuffer
 from trackfg.streaming.window.window import Interval, Window
 
 _INERTIAL = ("gyro", "accel")
@@ -39,6 +45,12 @@ _REMEMBERED_S = 600.0
 _MOST = 1000
 """Intervals whose levels are remembered: geometry reaches back over some tens that were marginalised."""
 
+_LEAST_REST_S = 2.0
+"""New seconds of a rest below which it is left to the next pass: the median of four means at least."""
+
+_MOST_MEANS = 600
+"""Means at rest that are remembered: five minutes of them."""
+
 _SAME_S = 1e-6
 """Times nearer than this are of one keyframe, s."""
 
@@ -53,6 +65,9 @@ class NoiseRecord:
     Of the intervals that were marginalised, ``sums`` (2 + groups, 2) holds the squares of the residuals and their
     redundancy, without those of inertial sensors that have a level of their own; ``squared_levels`` (2 + groups,) the
     sum of the squares of their levels, ``count`` how many they are.
+
+    ``at_rest``: what rests have shown up to ``rests_s``, and ``excess`` (6,) by what the density squared is thus above
+    what the spectrum shows, gyro first.
     """
 
     t: Array = field(default_factory=lambda: np.zeros(0))
@@ -62,11 +77,34 @@ class NoiseRecord:
     sums: Array = field(default_factory=lambda: np.zeros((len(_GROUPS), 2)))
     squared_levels: Array = field(default_factory=lambda: np.zeros(len(_GROUPS)))
     count: int = 0
+    at_rest: RestNoise = field(default_factory=RestNoise)
+    rests_s: float = -np.inf
+    excess: Array = field(default_factory=lambda: np.zeros(6))
 
     def at(self, t: Array) -> Array:
         """Return the levels of gyro and accelerometer of intervals that began at ``t`` (m,), s; shape (m, 2)."""
         known = np.concatenate([self.inertial, self.newest[None]])
         return np.asarray(known[np.searchsorted(self.t, t - _SAME_S)])
+
+    def look_at_rests(self, buffer: SampleBuffer, rests: Array) -> Array:
+        """Learn from what is new of ``rests`` (r, 2), s, and return by what the ``excess`` grew, (6,)."""
+        new = np.maximum(rests, self.rests_s)
+        new = new[new[:, 1] - new[:, 0] >= _LEAST_REST_S]
+        if not len(new):
+            return np.zeros(6)
+        data = buffer.intervals(float(new[0, 0]), float(new[-1, 1]))
+        self.at_rest = self.at_rest.joined(RestNoise.of(data, NoiseFloor.of(data), new), _MOST_MEANS)
+        self.rests_s, before, self.excess = float(new[-1, 1]), self.excess, self.at_rest.excess
+        return self.excess - before
+
+    def with_rests(self, window: Window, buffer: SampleBuffer, rests: Array) -> Window:
+        """Return the window with the noise that its ``rests`` (r, 2), s, show in all intervals."""
+        more = self.look_at_rests(buffer, rests)
+        if not more.any():
+            return window
+        levels = self.at(window.t[:-1])
+        measured = (_with_more(one, more, level) for one, level in zip(window.measured, levels, strict=True))
+        return replace(window, measured=tuple(measured))
 
     def weigh(self, window: Window, groups: Mapping[str, Residuals], leaving: int) -> Window:
         """Compute the levels anew, and return the window with sigmas of them; itself where they are as they were.
@@ -154,6 +192,16 @@ def _scaled_window(window: Window, inertial: Array, others: Array) -> Window:
 def _scaled(measured: Preintegration, factor: Array) -> Preintegration:
     gyro, accel = factor.tolist()
     return measured if gyro == accel == 1.0 else replace(measured, noise=measured.noise.scaled(gyro, accel))
+
+
+def _with_more(measured: Preintegration, more: Array, level: Array) -> Preintegration:
+    """Return the measurement with densities squared higher by ``more`` (6,), at its ``level`` (2,)."""
+    noise = measured.noise
+    gyro, accel = (
+        np.sqrt(density**2 + factor**2 * part)
+        for density, factor, part in zip((noise.gyro, noise.accel), level, np.split(more, 2), strict=True)
+    )
+    return replace(measured, noise=replace(noise, gyro=gyro, accel=accel))
 
 
 def _scaled_families(families: Iterable[Family], factor: Array) -> tuple[Family, ...]:

@@ -189,6 +189,7 @@ class RunningWindow:
             newest=newest,
             undelivered_pass=Relinearisation(window, root, None, first.waited),
         )
+        running.noise.look_at_rests(buffer, problem.rests)  # the problem has the noise that they show
         return running, running._record(FilterUpdate.of(window, root))
 
     def next_keyframe(self, spacing: float) -> float | None:
@@ -279,7 +280,7 @@ class RunningWindow:
             data = self.buffer.intervals(last - _NOISE_S, t + _RATES_S)
             edges = np.searchsorted(data.edges, [last - 1e-9, t - 1e-9])
             broken = self.buffer.has_break(last, t)
-            prediction = predict_interval(self.context, self.newest, data, edges, broken=broken)
+            prediction = predict_interval(self.context, self.newest, data, edges, self.noise.excess, broken=broken)
             walks = self.walks or self.gnss.rest_erred
             walk = max(self.votes.walk_per_sqrt_m, WALK_PER_SQRT_M if walks else 0.0)
             prediction = prediction.with_walking_scale(walk)
@@ -376,6 +377,7 @@ class RunningWindow:
         elif failure is None:
             window = replace(window, states=self._back_substituted_states(window))
         self.rests.update(self.buffer, self.tach, window, config, (last_pass - LOOK_S, now + AFTER_S))
+        window = self.noise.with_rests(window, self.buffer, self.rests.spans)
         walk = walk_of(window.t, window.response, imu.noise)
         window = window.with_families(walk, *resting(window.t, self.rests.spans, config, rigid=imu.rigid))
         leaving = before_recent = 0

@@ -15,6 +15,7 @@ from trackfg.recording.description import RecordingDescription
 from trackfg.results.summary import GeometryConventions
 from trackfg.sensors.imu_intervals import Intervals
 from trackfg.sensors.imu_noise import NoiseFloor, WhiteNoise
+from trackfg.streaming.window.noise_record import NoiseRecord
 
 
 @dataclass(frozen=True)
@@ -36,12 +37,10 @@ class StreamContext:
         """What the geometry's columns mean."""
         return geometry_conventions(self.config.geometry, self.description.track)
 
-    def run_of(self, t: Array, data: Intervals, levels: Array) -> RunContext:
-        """Return the context of keyframes at ``t`` (n,), on edges of the inertial ``data``.
-
-        ``levels`` (n - 1, 2): noise of gyro and accelerometer from each one to the next, in the assumed one.
-        """
-        assumed = assumed_noise(self.description, self.config, NoiseFloor.of(data), t)
+    def run_of(self, t: Array, data: Intervals, noise: NoiseRecord) -> RunContext:
+        """Return the context of keyframes at ``t`` (n,), on edges of the inertial ``data``, with the recorded noise."""
+        levels = noise.at(t[:-1])
+        assumed = assumed_noise(self.description, self.config, NoiseFloor.of(data).raised(noise.excess), t)
         return RunContext(
             t=t,
             edges=np.searchsorted(data.edges, t - 1e-9),

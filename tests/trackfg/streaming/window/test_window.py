@@ -135,7 +135,7 @@ def predicted(description: RecordingDescription, speed: float) -> Prediction:
     force = np.tile([0.0, 0.0, GRAVITY], (n, 1))
     data = Intervals(np.arange(n + 1) / 100.0, np.zeros((n, 3)), force, np.zeros(n, dtype=bool))
     context = StreamContext(description, SmoothConfig(), World(GRAVITY, np.zeros(3), 0.0), 0.0)
-    return predict_interval(context, known(keyframes(1, speed)), data, np.array([0, 100]))
+    return predict_interval(context, known(keyframes(1, speed)), data, np.array([0, 100]), np.zeros(6))
 
 
 def rolled(speed: float) -> Wheel:
