@@ -23,6 +23,7 @@ from trackfg.evaluation.outages import horizontal_errors
 from trackfg.evaluation.scores import rms
 from trackfg.numerics.blas_threads import one_thread
 from trackfg.results.events import DOUBT
+from trackfg.streaming.events import event_table
 from trackfg.streaming.fixed_lag import FixedLagSmoother
 from trackfg.streaming.sources.source import RecordingSource
 
@@ -56,7 +57,7 @@ def score(name: str, run: RealRun, lag_s: float) -> None:
         error, sd = errors["error_m"], errors["sd_m"]
         cells.append(f"{rms(error):.2f} ({rms(error) / rms(sd):.2f}, {100 * np.mean(error > _BEYOND * sd):.0f} %)")
     print(f"| {name} | {lag_s:g} | {cells[0]} | {cells[1]} |")
-    events = tables["events"]
+    events = tables.get("events", event_table([]))  # a stream may have none
     for event in events[events["kind"].isin((DOUBT, "noise-raised", "restarted"))].itertuples():
         print(f"    {event.kind} at {event.t_s:.0f} s: {event.detail}")
 
