@@ -75,7 +75,7 @@ def resolve_inside(folder: Path, name: str) -> tuple[Path | None, list[Finding]]
             hint = "copy the table into the folder instead of linking to it"
             return refused("path-outside", "the link leads out of the recording", inside, hint)
         if path.is_file():
-            if _ends_in_nulls(path):
+            if ends_in_nulls(path):
                 hint = "copy the file again from its source"
                 return refused("unreadable-table", "ends in null bytes: it was not written whole", "a whole file", hint)
             return path, []
@@ -84,6 +84,17 @@ def resolve_inside(folder: Path, name: str) -> tuple[Path | None, list[Finding]]
         return refused("missing-file", "not a usable file name", inside)
     tables = [sibling for sibling in siblings if sibling.endswith(TABLE_SUFFIXES)]
     return refused("missing-file", "no such file", f"a table in {folder}", did_you_mean(name, tables))
+
+
+def ends_in_nulls(path: Path) -> bool:
+    """Return whether the end of a file is an empty block of the disk: one is enough to know, however many there are."""
+    try:
+        with path.open("rb") as file:
+            file.seek(-min(_BLOCK_BYTES, path.stat().st_size), os.SEEK_END)
+            end = file.read(_BLOCK_BYTES)
+    except OSError:  # whoever reads it says why
+        return False
+    return bool(end) and not end.strip(b"\0")
 
 
 def open_table(folder: Path, name: str, wanted: Iterable[str]) -> tuple[TableFile | None, list[Finding]]:
@@ -159,17 +170,6 @@ def _parquet_column(parquet: pq.ParquetFile, column: str) -> Array:
         begin, end = end, end + len(batch)
         out[begin:end] = pc.cast(batch.column(0), pa.float64(), safe=False).to_numpy(zero_copy_only=False)
     return out
-
-
-def _ends_in_nulls(path: Path) -> bool:
-    """Return whether the end of a file is an empty block of the disk: one is enough to know, however many there are."""
-    try:
-        with path.open("rb") as file:
-            file.seek(-min(_BLOCK_BYTES, path.stat().st_size), os.SEEK_END)
-            end = file.read(_BLOCK_BYTES)
-    except OSError:  # whoever reads it says why
-        return False
-    return bool(end) and not end.strip(b"\0")
 
 
 def _header(path: Path) -> list[str]:

@@ -24,6 +24,7 @@ from trackfg.interchange.importing.text_dialect import (
     names_a_summary,
     summary_rows,
 )
+from trackfg.io.table_file import ends_in_nulls
 
 _BLOCK_BYTES = 1 << 22
 """Text that is changed at a time."""
@@ -31,6 +32,9 @@ _BLOCK_BYTES = 1 << 22
 
 def read_text(path: Path, options: DialectOptions | None = None) -> SourceTable:
     """Read a file of delimited text. Raises :class:`BadInputError`, with the row if one is to blame."""
+    if ends_in_nulls(path):
+        hint = "copy the file again from its source"
+        raise BadInputError(f"{path.name}: ends in null bytes: it was not written whole; expected text. Hint: {hint}")
     dialect = dialect_of(path, options)
     notes: tuple[str, ...] = ()
     try:

@@ -96,6 +96,7 @@ def test_what_the_mapping_states_is_not_guessed(tmp_path):
             "row 4 has 1 cell; expected 2, as in the others. Hint: it is the last row: where the file",
         ),
         ("a,b\n\x00\x01", "null bytes"),
+        ("a,b\n1,2\n" * 30_000 + "\x00" * 5_000, "ends in null bytes: it was not written whole"),
     ],
 )
 def test_text_that_is_no_table_is_refused_with_its_row(tmp_path, text, message):
