@@ -40,6 +40,8 @@ _NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,199}")
 """The name of a run is the name of a folder on every system."""
 _MOST_BYTES = 2**26
 """Size of a table of runs, bytes: 100,000 runs have 30 MB."""
+_LONGEST_PLACE = 2**15
+"""Length of a path or URL, characters: the longest path of Windows, 32,767, has fewer, that of Linux 4,095 bytes."""
 _HASH_DIGITS = 8
 """Hexadecimal digits after a run's name: among 10,000 recordings of one name, two agree with a probability of 1 %."""
 
@@ -181,6 +183,9 @@ def _place(text: str, folder: str) -> str:
 
 def _run(row: Mapping[str, str], folder: str) -> Run:
     """Make a run from a row, its paths relative to ``folder``. Raises ``ValueError`` for what is no run."""
+    for column in _PLACES:
+        if (length := len(row.get(column, ""))) > _LONGEST_PLACE:
+            raise ValueError(f"{column} has {length:,} characters; expected a path or a URL")
     places = {column: _place(row[column], folder) for column in _PLACES if column in row}
     if "recording" not in places:
         raise ValueError("no recording; expected a path or a URL")

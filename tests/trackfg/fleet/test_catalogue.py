@@ -151,6 +151,7 @@ def test_names_depend_on_the_place_alone(tmp_path: Path) -> None:
         ("recording;line\na;7\n", "its columns are parted by semicolons; expected commas"),
         ("recording,line\na,7,b\n", "rows of 3 values; expected 2"),
         ("recording,run\na,x\nb,x\n", "run 'x' is there 2 times"),
+        (f"recording\na\n{'x' * 40_000}\n", "row 2: recording has 40,000 characters; expected a path or a URL"),
         ("", "not a readable table of runs"),
     ],
 )
