@@ -25,6 +25,7 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import ExitStack, suppress
+from itertools import chain
 from multiprocessing import get_context
 from pathlib import Path
 
@@ -138,8 +139,8 @@ def _begin(base: Base) -> None:
     _base = base
 
 
-def _next(case: Case) -> Outcome:
-    return _outcome_of(case, _base)
+def _next(cases: Sequence[Case]) -> list[Outcome]:
+    return [_outcome_of(case, _base) for case in cases]
 
 
 def _outcome_of(case: Case, base: Base) -> Outcome:
@@ -164,11 +165,13 @@ def _run(options: argparse.Namespace, base: Base) -> list[Outcome]:
 
 
 def _ends(cases: Sequence[Case], base: Base, jobs: int) -> Iterator[Outcome]:
+    """Yield the outcomes; one process has all cases of an entry, whose commands it runs without a fault but once."""
     if jobs == 1:
         yield from (_outcome_of(case, base) for case in cases)
         return
+    of_entry = [[case for case in cases if case.entry == name] for name in BY_NAME]
     with ProcessPoolExecutor(jobs, get_context("fork"), _begin, (base,)) as pool:
-        yield from pool.map(_next, cases)
+        yield from chain.from_iterable(pool.map(_next, filter(None, of_entry)))
 
 
 def _parser() -> argparse.ArgumentParser:
