@@ -1,9 +1,12 @@
-"""What all tests share: numpy and the compiled kernels in turn, commands that Ctrl-C ends, no time limits."""
+"""What all tests share: numpy and the compiled kernels in turn, commands that Ctrl-C ends, no time limits, refusals."""
 
 from __future__ import annotations
 
+import importlib
 import signal
+import sys
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -44,3 +47,19 @@ def with_both(monkeypatch: pytest.MonkeyPatch) -> Callable[[Callable[[], Any]], 
         return compiled, theirs
 
     return both
+
+
+@pytest.fixture
+def refusal(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Callable[..., str]:
+    """Return what the command of a tool says, in this process, of arguments that it refuses as such."""
+
+    def refused(tool: str, *arguments: str) -> str:
+        monkeypatch.syspath_prepend(Path(__file__).parents[1] / "tools")
+        monkeypatch.setenv("OPENBLAS_NUM_THREADS", "1")  # tools set it when they are imported, for good
+        monkeypatch.setattr(sys, "argv", [f"{tool}.py", *arguments])
+        with pytest.raises(SystemExit) as end:
+            importlib.import_module(f"{tool}.main").main()
+        assert end.value.code == 2
+        return capsys.readouterr().err
+
+    return refused

@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
 
@@ -37,11 +38,8 @@ def test_one_seed_of_one_paper(tmp_path: Path) -> None:
     assert set(table["met"].dropna()) <= {"yes", "NO"}
 
 
-@pytest.mark.slow
-def test_an_unknown_paper_is_refused() -> None:
-    done = subprocess.run([sys.executable, TOOLS / "papers.py", "--paper", "005"], capture_output=True, text=True)
-    assert done.returncode == 2
-    assert "invalid choice: '005'" in done.stderr
+def test_an_unknown_paper_is_refused(refusal: Callable[..., str]) -> None:
+    assert "invalid choice: '005'" in refusal("papers", "--paper", "005")
 
 
 def test_a_line_holds_mean_interval_and_range(tool: ModuleType) -> None:

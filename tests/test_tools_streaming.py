@@ -6,6 +6,7 @@ import importlib
 import subprocess
 import sys
 from collections import Counter
+from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -204,9 +205,7 @@ def test_a_short_stream_has_its_cost(tmp_path: Path) -> None:
     assert lines.loc["times real time, 0.05 h from a store", "value"] > 1.0
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("more", [["--case", "nan"], ["--kinds", "nothing"], ["--hours", "0"], ["--parts", "slips"]])
-def test_bad_arguments_are_refused(more: list[str]) -> None:
-    done = subprocess.run([sys.executable, TOOLS / "streaming.py", *more], capture_output=True, text=True)
-    assert done.returncode == 2
-    assert "expected" in done.stderr or "invalid choice" in done.stderr
+def test_bad_arguments_are_refused(more: list[str], refusal: Callable[..., str]) -> None:
+    said = refusal("streaming", *more)
+    assert "expected" in said or "invalid choice" in said
