@@ -1,10 +1,14 @@
-"""A browser without a window, and made-up input and output: results, a run on a curved line, its recording as files."""
+"""A browser without a window, the command line, and made-up input and output: results, a run on a curved line, its
+recording as files.
+"""
 
 from __future__ import annotations
 
 import copy
 import functools
 import shutil
+import subprocess
+import sys
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
@@ -18,6 +22,7 @@ import pyarrow.csv
 import pytest
 import tomli_w
 
+from trackfg.cli import main
 from trackfg.config import GeometryConfig, SmoothConfig
 from trackfg.datasets.scenarios import Scenario, Simulation, scenario, simulate
 from trackfg.datasets.sensors.imu_errors import ImuResponse
@@ -59,6 +64,23 @@ def until() -> Callable[..., None]:
             time.sleep(0.05)
 
     return wait
+
+
+@pytest.fixture
+def trackfg(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> Callable[..., subprocess.CompletedProcess[str]]:
+    """Return what runs the command line in this process, as from a pipe: an interpreter takes a second to start."""
+
+    def run(*arguments: object) -> subprocess.CompletedProcess[str]:
+        words = ["trackfg", *map(str, arguments)]
+        monkeypatch.setattr(sys, "argv", words)
+        with pytest.raises(SystemExit) as end:
+            main.main()
+        written = capsys.readouterr()
+        return subprocess.CompletedProcess(words, int(end.value.code or 0), written.out, written.err)
+
+    return run
 
 
 @pytest.fixture(scope="session")

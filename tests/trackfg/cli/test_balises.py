@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import json
-import sys
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
 import pytest
 
-from trackfg.cli import main
 from trackfg.datasets.scenarios import simulate
 from trackfg.results.columns import BALISE_COLUMNS
 
@@ -21,13 +20,10 @@ WRONG, UNKNOWN = 6, 9
 
 
 @pytest.fixture
-def run(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Run:
+def run(trackfg: Callable[..., Any]) -> Run:
     def run(*arguments: object) -> tuple[int, str, str]:
-        monkeypatch.setattr(sys, "argv", ["trackfg", *map(str, arguments)])
-        with pytest.raises(SystemExit) as exit_:
-            main.main()
-        captured = capsys.readouterr()
-        return int(exit_.value.code or 0), captured.out, captured.err
+        done = trackfg(*arguments)
+        return done.returncode, done.stdout, done.stderr
 
     return run
 

@@ -9,6 +9,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import pandas as pd
 import pytest
@@ -60,15 +61,12 @@ class Done:
 
 
 @pytest.fixture
-def run(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Callable[..., Done]:
-    """Run the command line in this process, as from a pipe."""
+def run(trackfg: Callable[..., Any]) -> Callable[..., Done]:
+    """Return what runs the command line in this process."""
 
     def run(*arguments: object) -> Done:
-        monkeypatch.setattr(sys, "argv", ["trackfg", *map(str, arguments)])
-        with pytest.raises(SystemExit) as exit_:
-            main.main()
-        captured = capsys.readouterr()
-        return Done(int(exit_.value.code or 0), captured.out, captured.err)
+        done = trackfg(*arguments)
+        return Done(done.returncode, done.stdout, done.stderr)
 
     return run
 

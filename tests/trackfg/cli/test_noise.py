@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
 import tomllib
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -24,9 +25,12 @@ accel_unit = "g"
 """
 
 
-def trackfg_noise(*arguments: object) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-m", "trackfg", "noise", *map(str, arguments)]
-    return subprocess.run(command, capture_output=True, text=True, check=False)
+Command = Callable[..., Any]
+
+
+@pytest.fixture
+def trackfg_noise(trackfg: Command) -> Command:
+    return partial(trackfg, "noise")
 
 
 @pytest.fixture(scope="module")
@@ -42,7 +46,7 @@ def log() -> pd.DataFrame:
     return pd.DataFrame(columns)
 
 
-def test_a_table_to_import(log: pd.DataFrame, tmp_path: Path) -> None:
+def test_a_table_to_import(log: pd.DataFrame, trackfg_noise: Command, tmp_path: Path) -> None:
     log.to_csv(tmp_path / "log.csv", index=False)
     done = trackfg_noise(tmp_path / "log.csv", "-o", tmp_path / "allan.csv")
     assert (done.returncode, done.stderr) == (0, "")
@@ -57,13 +61,13 @@ def test_a_table_to_import(log: pd.DataFrame, tmp_path: Path) -> None:
     assert (table["low"] < table["deviation"]).all()
 
 
-def test_pulses_beside_a_rest_log_need_no_answer(log: pd.DataFrame, tmp_path: Path) -> None:
+def test_pulses_beside_a_rest_log_need_no_answer(log: pd.DataFrame, trackfg_noise: Command, tmp_path: Path) -> None:
     log.iloc[: round(100 * RATE_HZ)].assign(pulses=17).to_csv(tmp_path / "log.csv", index=False)
     done = trackfg_noise(tmp_path / "log.csv")
     assert done.returncode == 0, done.stderr
 
 
-def test_a_recording_in_other_units(log: pd.DataFrame, tmp_path: Path) -> None:
+def test_a_recording_in_other_units(log: pd.DataFrame, trackfg_noise: Command, tmp_path: Path) -> None:
     (tmp_path / "recording.toml").write_text(RECORDING, encoding="utf-8")
     table = log[["t", "temperature"]].rename(columns={"temperature": "chip_temp"})
     for axis in "xyz":
@@ -86,14 +90,14 @@ def test_a_recording_in_other_units(log: pd.DataFrame, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("suffix", [".png", ".svg", ".html"])
-def test_pictures(suffix: str, log: pd.DataFrame, tmp_path: Path) -> None:
+def test_pictures(suffix: str, log: pd.DataFrame, trackfg_noise: Command, tmp_path: Path) -> None:
     log[: round(120 * RATE_HZ)].to_csv(tmp_path / "log.csv", index=False)
     done = trackfg_noise(tmp_path / "log.csv", "-o", tmp_path / f"allan{suffix}", "-q")
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
     assert (tmp_path / f"allan{suffix}").stat().st_size > 10_000
 
 
-def test_what_is_no_rest_is_refused(log: pd.DataFrame, tmp_path: Path) -> None:
+def test_what_is_no_rest_is_refused(log: pd.DataFrame, trackfg_noise: Command, tmp_path: Path) -> None:
     log[: round(40 * RATE_HZ)].to_csv(tmp_path / "log.csv", index=False)
     for arguments, message in (
         ([tmp_path / "log.csv"], "the longest rest lasts 39 s; expected 60 s or more"),

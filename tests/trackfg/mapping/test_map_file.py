@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -21,12 +19,6 @@ from trackfg.maps import read_map, read_versions, write_map
 from trackfg.smoothing.smoother import smooth
 
 Ride = Callable[..., Any]
-
-
-def trackfg(*arguments: object) -> subprocess.CompletedProcess[str]:
-    """The command as a process of its own."""
-    command = [sys.executable, "-m", "trackfg", *map(str, arguments)]
-    return subprocess.run(command, capture_output=True, text=True, check=False)
 
 
 @pytest.fixture
@@ -74,7 +66,7 @@ def test_a_second_writer_meanwhile_loses_nothing(
     assert sorted(built.runs["recording_id"]) == sorted(ride(run).result.summary.recording_id for run in (0, 1, 2))
 
 
-def test_the_commands(out: Callable[[int], Path], ride: Ride, tmp_path: Path) -> None:
+def test_the_commands(out: Callable[[int], Path], ride: Ride, trackfg: Callable[..., Any], tmp_path: Path) -> None:
     place = tmp_path / "line.gpkg"
     built = trackfg("map", "build", out(0), out(1), out(2), "-o", place, "--name", "Short line")
     assert built.returncode == 0, built.stderr
@@ -101,7 +93,7 @@ def test_the_commands(out: Callable[[int], Path], ride: Ride, tmp_path: Path) ->
     assert "smoothed with a map" in refused.stderr
 
 
-def test_readme(tmp_path: Path) -> None:
+def test_readme(trackfg: Callable[..., Any], tmp_path: Path) -> None:
     """The runs' description gives the roll of the mounting without a sigma, as most do."""
     for run in range(3):
         simulated = trackfg("simulate", "mainline", "-o", tmp_path / f"run{run}", "--run", run, "--duration", 300)
@@ -119,7 +111,7 @@ def test_readme(tmp_path: Path) -> None:
     assert not any(name.startswith("sensor/") for run in information.values() for name in run.variables)
 
 
-def test_runs_of_two_hundred_metres(tmp_path: Path) -> None:
+def test_runs_of_two_hundred_metres(trackfg: Callable[..., Any], tmp_path: Path) -> None:
     for run in range(2):
         simulated = trackfg("simulate", "trolley", "-o", tmp_path / f"run{run}", "--run", run, "--duration", 300)
         assert simulated.returncode == 0, simulated.stderr

@@ -6,7 +6,6 @@ import dataclasses
 import io
 import json
 import sqlite3
-import sys
 from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
@@ -16,7 +15,7 @@ import pandas as pd
 import pytest
 from rich.console import Console, RenderableType
 
-from trackfg.cli import main, map_tables
+from trackfg.cli import map_tables
 from trackfg.datasets.scenarios import simulate
 from trackfg.mapping.changes.changes import Changes
 from trackfg.maps import FeatureMap, read_map, read_versions, write_map
@@ -27,13 +26,10 @@ Run = Callable[..., tuple[int, str, str]]
 
 
 @pytest.fixture
-def run(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Run:
+def run(trackfg: Callable[..., Any]) -> Run:
     def run(*arguments: object, command: tuple[str, ...] = ("map",)) -> tuple[int, str, str]:
-        monkeypatch.setattr(sys, "argv", ["trackfg", *command, *map(str, arguments)])
-        with pytest.raises(SystemExit) as exit_:
-            main.main()
-        captured = capsys.readouterr()
-        return int(exit_.value.code or 0), captured.out, captured.err
+        done = trackfg(*command, *arguments)
+        return done.returncode, done.stdout, done.stderr
 
     return run
 

@@ -6,7 +6,9 @@ import json
 import subprocess
 import sys
 from collections import Counter
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -26,10 +28,9 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def test_a_recording_into_parts(recording: Path, tmp_path: Path) -> None:
-    done = subprocess.run(
-        [*TRACKFG, recording, "--lag", "5", "-o", tmp_path / "out"], capture_output=True, text=True, check=True
-    )
+def test_a_recording_into_parts(recording: Path, trackfg: Callable[..., Any], tmp_path: Path) -> None:
+    done = trackfg("stream", recording, "--lag", "5", "-o", tmp_path / "out")
+    assert done.returncode == 0
     assert "; 1 standstill" in done.stderr
     filtered, smoothed, geometry = (read_parts(tmp_path / "out", name) for name in ("filtered", "smoothed", "geometry"))
     assert tuple(filtered) == tuple(smoothed) == TRAJECTORY_COLUMNS
@@ -38,9 +39,9 @@ def test_a_recording_into_parts(recording: Path, tmp_path: Path) -> None:
     np.testing.assert_allclose(np.diff(smoothed["t_s"]), 0.1, atol=1e-9)
 
 
-def test_what_came_of_a_stream_is_json(recording: Path, tmp_path: Path) -> None:
-    command = [*TRACKFG, recording, "--lag", "5", "-o", tmp_path / "out", "--json"]
-    done = subprocess.run(command, capture_output=True, text=True, check=True)
+def test_what_came_of_a_stream_is_json(recording: Path, trackfg: Callable[..., Any], tmp_path: Path) -> None:
+    done = trackfg("stream", recording, "--lag", "5", "-o", tmp_path / "out", "--json")
+    assert done.returncode == 0, done.stderr
     said = json.loads(done.stdout)
     assert said["events"] == {"standstill": 1}
     assert said["rows_in"] >= said["rows_used"] > 0
@@ -140,17 +141,20 @@ def test_json_lines_in_and_out(recording: Path) -> None:
         (["-", "--map", "line.gpkg", "-o", "out"], "line.gpkg"),
     ],
 )
-def test_what_is_refused(arguments: list[str], said: str, tmp_path: Path) -> None:
-    done = subprocess.run([*TRACKFG, *arguments], capture_output=True, text=True, cwd=tmp_path, input="")
+def test_what_is_refused(
+    arguments: list[str], said: str, trackfg: Callable[..., Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    done = trackfg("stream", *arguments)
     assert done.returncode == 2
     assert said in done.stderr
     assert "Traceback" not in done.stderr
     assert not (tmp_path / "out").exists()
 
 
-def test_a_folder_with_something_in_it_is_refused(recording: Path, tmp_path: Path) -> None:
+def test_a_folder_with_something_in_it_is_refused(recording: Path, trackfg: Callable[..., Any], tmp_path: Path) -> None:
     (tmp_path / "out").mkdir()
     (tmp_path / "out" / "mine.txt").write_text("mine")
-    done = subprocess.run([*TRACKFG, recording, "-o", tmp_path / "out"], capture_output=True, text=True)
+    done = trackfg("stream", recording, "-o", tmp_path / "out")
     assert done.returncode == 2
     assert "a stream is never added to another" in done.stderr

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import json
 import sqlite3
-import subprocess
-import sys
 from contextlib import closing
 from dataclasses import replace
 from datetime import UTC, datetime
@@ -436,11 +434,10 @@ def test_no_export_takes_the_name_of_another_one():
     assert {"out1.csv", "out1.channels.csv", "out1.trajectory.csv"} <= set(names)
 
 
-def test_the_command_writes_beside_the_result(result, tmp_path):
+def test_the_command_writes_beside_the_result(result, trackfg, tmp_path):
     result.write(tmp_path / "out1")
-    command = [sys.executable, "-m", "trackfg", "export", str(tmp_path / "out1"), "--to", "tum"]
 
-    done = subprocess.run(command, capture_output=True, text=True, timeout=60)
+    done = trackfg("export", tmp_path / "out1", "--to", "tum")
 
     assert done.returncode == 0, done.stderr
     assert done.stdout.strip() == str(tmp_path / "out1.tum")
@@ -490,7 +487,8 @@ def test_a_result_that_knows_no_kilometrage_says_so(result, tmp_path):
         _exported(result, "csv", tmp_path, km=True)
 
 
-def test_commands_show_official_places_with_one_option(on_a_line, tmp_path):
+def test_commands_show_official_places_with_one_option(on_a_line, trackfg, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
     on_a_line.write(tmp_path / "out1")
     write_map(build_map([on_a_line], name="line"), tmp_path / "line.gpkg", parent=None)
     limits = tmp_path / "limits.toml"
@@ -499,8 +497,9 @@ def test_commands_show_official_places_with_one_option(on_a_line, tmp_path):
     )
 
     def run(*arguments):
-        command = [sys.executable, "-m", "trackfg", *arguments]
-        return subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=True).stdout
+        done = trackfg(*arguments)
+        done.check_returncode()
+        return done.stdout
 
     run("limits", "out1", "--limits", "limits.toml", "--km", "-o", "exceedances.csv")
     exceedances = pd.read_csv(tmp_path / "exceedances.csv")
@@ -522,7 +521,7 @@ def test_commands_show_official_places_with_one_option(on_a_line, tmp_path):
     assert all("km" in row for row in changes["changes"])
 
 
-def test_official_places_are_shown_where_they_are_known(on_a_line, result, tmp_path):
+def test_official_places_are_shown_where_they_are_known(on_a_line, result, trackfg, tmp_path):
     on_a_line.write(tmp_path / "out1")
     result.write(tmp_path / "out2")
     limits = tmp_path / "limits.toml"
@@ -531,8 +530,7 @@ def test_official_places_are_shown_where_they_are_known(on_a_line, result, tmp_p
     )
 
     def listed(name, *options):
-        command = [sys.executable, "-m", "trackfg", "limits", name, "--limits", limits, "--json", *options]
-        done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+        done = trackfg("limits", tmp_path / name, "--limits", limits, "--json", *options)
         return done.returncode, json.loads(done.stdout)["exceedances"] if done.stdout else []
 
     for name, options, status, known in (

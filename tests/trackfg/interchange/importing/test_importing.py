@@ -54,7 +54,7 @@ def vendor_log(folder: Path) -> tuple[Path, object]:
     return source, recording
 
 
-def test_a_vendor_s_log_needs_one_command_and_no_script(tmp_path):
+def test_a_vendor_s_log_needs_one_command_and_no_script(trackfg, tmp_path):
     source, original = vendor_log(tmp_path)
     out = tmp_path / "run"
 
@@ -71,14 +71,14 @@ def test_a_vendor_s_log_needs_one_command_and_no_script(tmp_path):
     assert recording.fixes["chainage_m"].iloc[0] > 12_000.0
     mapping = tmp_path / "run.mapping.toml"
     assert "pulses_per_rev" in mapping.read_text()
-    again = _trackfg("import", source, "-o", tmp_path / "again", "--mapping", mapping)
+    again = trackfg("import", source, "-o", tmp_path / "again", "--mapping", mapping)
     assert again.returncode == 0
     assert "assumed" not in again.stderr
     assert (tmp_path / "again" / "imu.parquet").read_bytes() == (out / "imu.parquet").read_bytes()
     assert (tmp_path / "again" / "recording.toml").read_text() == (out / "recording.toml").read_text()
 
 
-def test_init_keeps_the_answers_where_the_log_is_not_usable(tmp_path):
+def test_init_keeps_the_answers_where_the_log_is_not_usable(trackfg, tmp_path):
     source, _ = vendor_log(tmp_path)
     log = source / "log.csv"
     rows = [row.split(b";") for row in log.read_bytes().splitlines()]
@@ -94,15 +94,15 @@ def test_init_keeps_the_answers_where_the_log_is_not_usable(tmp_path):
     assert f"the answers are in {mapping}: correct it and state imu.axes, then run: trackfg import" in done.stderr
     assert not (tmp_path / "run").exists()
     assert tomllib.loads(mapping.read_text())["tach"]["pulses_per_rev"] == 90
-    again = _trackfg("import", source, "-o", tmp_path / "run", "--mapping", mapping)
+    again = trackfg("import", source, "-o", tmp_path / "run", "--mapping", mapping)
     assert again.returncode == 2
     assert "column 'GyrX'" in again.stderr
 
 
-def test_what_has_no_default_is_not_said_to_be_assumed(tmp_path):
+def test_what_has_no_default_is_not_said_to_be_assumed(trackfg, tmp_path):
     source, _ = vendor_log(tmp_path)
 
-    done = _trackfg("import", source, "-o", tmp_path / "run")
+    done = trackfg("import", source, "-o", tmp_path / "run")
 
     assert done.returncode == 2
     assert "tach.pulses_per_rev: the source does not say it" in done.stderr
@@ -149,18 +149,18 @@ def test_init_says_what_it_recognised_and_takes_the_place_where_the_run_begins(t
     assert "Pulses. Hint: state it in a mapping, for trackfg import (docs/importing.md)" in ended.stderr  # no default
 
 
-def test_a_recording_is_never_overwritten_and_nothing_is_left_of_a_failed_import(tmp_path):
+def test_a_recording_is_never_overwritten_and_nothing_is_left_of_a_failed_import(trackfg, tmp_path):
     source, _ = vendor_log(tmp_path)
     out = tmp_path / "run"
     out.mkdir()
     (out / "mine.txt").write_text("keep")
 
-    done = _trackfg("import", source, "-o", out)
+    done = trackfg("import", source, "-o", out)
 
     assert done.returncode == 2
     assert done.stderr.count("\n") == 1 or "note" in done.stderr
     assert [file.name for file in out.iterdir()] == ["mine.txt"]
-    assert _trackfg("import", tmp_path / "nothing", "-o", tmp_path / "x").returncode == 2
+    assert trackfg("import", tmp_path / "nothing", "-o", tmp_path / "x").returncode == 2
     assert not (tmp_path / "x").exists()
 
 

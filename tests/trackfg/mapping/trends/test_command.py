@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import json
 import sqlite3
-import subprocess
-import sys
 from collections.abc import Callable
 from contextlib import closing
 from dataclasses import replace
@@ -50,12 +48,13 @@ def year(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.slow
-def test_the_command_finds_growing_dips_and_when_they_reach_a_limit(year: Path) -> None:
+def test_the_command_finds_growing_dips_and_when_they_reach_a_limit(year: Path, trackfg: Callable[..., Any]) -> None:
     limits = 'standard = "ours"\nparameter = "level"\nchord_m = 10.0\nlevel = "alert"\nkind = "peak"\nvalue_mm = 20.0\n'
     (year / "limits.toml").write_text(f"[[limits]]\n{limits}")
-    command = [sys.executable, "-m", "trackfg", "map", "trends", str(year / "line.gpkg")]
-    command += [*(str(year / f"out{month}") for month in range(4)), "--limits", str(year / "limits.toml"), "--layers"]
-    done = subprocess.run([*command, "-o", str(year / "trends"), "--json"], capture_output=True, text=True, check=True)
+    command = ["map", "trends", year / "line.gpkg", *(year / f"out{month}" for month in range(4))]
+    command += ["--limits", year / "limits.toml", "--layers"]
+    done = trackfg(*command, "-o", year / "trends", "--json")
+    assert done.returncode == 0, done.stderr
     found = json.loads(done.stdout)
     level = [row for row in found["trends"] if row["quantity"] == "versine_level_mm"]
     rates = sorted(row["rate_mm_per_month"] for row in level)
@@ -71,38 +70,38 @@ def test_the_command_finds_growing_dips_and_when_they_reach_a_limit(year: Path) 
     assert [rate for rate, _ in sorted(drawn)] == pytest.approx(rates, rel=1e-9)
     assert {per for _, per in drawn} == {"month"}
     (year / "passed.csv").write_text("date,mt\n2026-01-01,10\n2026-05-01,12\n")
-    by_load = [*command, "--tonnage", str(year / "passed.csv"), "--json"]
-    done = subprocess.run(by_load, capture_output=True, text=True, check=True)
+    done = trackfg(*command, "--tonnage", year / "passed.csv", "--json")
+    assert done.returncode == 0, done.stderr
     mt_a_month = 2.0 / 120.0 * 365.25 / 12.0
     level = [row for row in json.loads(done.stdout)["trends"] if row["quantity"] == "versine_level_mm"]
     assert sorted(row["rate_mm_per_mt"] * mt_a_month for row in level) == pytest.approx(rates, rel=0.02)
 
 
 @pytest.mark.slow
-def test_a_map_knows_the_results_that_it_was_made_of(year: Path) -> None:
-    trackfg, place = [sys.executable, "-m", "trackfg", "map"], str(year / "all.gpkg")
-    outs = [str(year / f"out{month}") for month in range(4)]
-    subprocess.run([*trackfg, "build", *outs, "-o", place], check=True)
-    named, alone = (
-        subprocess.run([*trackfg, "trends", place, *given, "--json"], capture_output=True, text=True, check=True).stdout
-        for given in (outs, [])
-    )
-    assert json.loads(alone) == json.loads(named)
+def test_a_map_knows_the_results_that_it_was_made_of(year: Path, trackfg: Callable[..., Any]) -> None:
+    place, outs = year / "all.gpkg", [year / f"out{month}" for month in range(4)]
+    trackfg("map", "build", *outs, "-o", place).check_returncode()
+    named, alone = (trackfg("map", "trends", place, *given, "--json") for given in (outs, []))
+    assert named.returncode == alone.returncode == 0
+    assert json.loads(alone.stdout) == json.loads(named.stdout)
     (year / "out3").rename(year / "elsewhere")
-    done = subprocess.run([*trackfg, "trends", place, "--json"], capture_output=True, text=True, check=True)
+    done = trackfg("map", "trends", place, "--json")
+    assert done.returncode == 0, done.stderr
     (reason,) = json.loads(done.stdout)["left_out"].values()
     assert "out3: not a readable trackfg result" in reason
-    nowhere = subprocess.run([*trackfg, "trends", str(year / "line.gpkg")], capture_output=True, text=True, check=False)
+    nowhere = trackfg("map", "trends", year / "line.gpkg")
     assert (nowhere.returncode, nowhere.stderr.count("does not say where its result is")) == (2, 1)
 
 
-def test_limits_by_speed_need_the_speed_of_the_line(tmp_path: Path) -> None:
+def test_limits_by_speed_need_the_speed_of_the_line(
+    trackfg: Callable[..., Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
     limit = 'standard = "ours"\nparameter = "level"\nchord_m = 10.0\nlevel = "alert"\nkind = "peak"\nvalue_mm = 20.0\n'
     (tmp_path / "limits.toml").write_text(f"[[limits]]\n{limit}speed_to_kmh = 80\n")
-    command = [sys.executable, "-m", "trackfg", "map", "trends", "line.gpkg", "--limits", "limits.toml"]
     errors = []
     for speed in ([], ["--line-speed", "60"]):
-        done = subprocess.run([*command, *speed], cwd=tmp_path, capture_output=True, text=True, check=False)
+        done = trackfg("map", "trends", "line.gpkg", "--limits", "limits.toml", *speed)
         assert done.returncode == 2
         errors.append(done.stderr)
     assert "give the line's speed (--line-speed)" in errors[0]
