@@ -1,6 +1,8 @@
-"""Standard deviations and least squares that outliers do not change, and the jackknife's standard deviation."""
+"""Medians, standard deviations and least squares that outliers do not change; the jackknife's standard deviation."""
 
 from __future__ import annotations
+
+import math
 
 import numpy as np
 
@@ -16,6 +18,18 @@ _ROUNDS = 20
 SD_PER_MAD = 1.4826
 """Standard deviation of a normal variable over its median absolute deviation, 1/Phi^-1(3/4), to four digits (Hampel,
 Journal of the American Statistical Association 69, 1974)."""
+
+
+def median(x: Array) -> float:
+    """Return the median of x (n,), not empty, as ``np.median`` does: NaN where any is.
+
+    For some hundred values numpy takes most of its time to choose an axis.
+    """
+    half, last = x.size // 2, x.size - 1
+    part = np.partition(x, (half - 1, half, last) if half else last)
+    if math.isnan(part[last]):
+        return math.nan
+    return float(part[half]) if x.size % 2 else float(0.5 * (part[half - 1] + part[half]))
 
 
 def robust_sd(errors: Array) -> float:
@@ -45,18 +59,9 @@ def cauchy_fit(
     off, weight = right, np.ones(len(rows))
     precision = np.diag(1.0 / np.square(prior_sd))
     for _ in range(_ROUNDS):
-        level = max(SD_PER_MAD * _median(np.abs(off - _median(off))), least_sd)
+        level = max(SD_PER_MAD * median(np.abs(off - median(off))), least_sd)
         weighted = rows.T * weight / (per_value * level**2)
         found = np.asarray(np.linalg.solve(weighted @ rows + precision, weighted @ right), dtype=np.float64)
         off = right - rows @ found
         weight = np.asarray(1.0 / (1.0 + np.square(off / (_CAUCHY * level))), dtype=np.float64)
     return found, np.sqrt(np.diagonal(np.linalg.inv(weighted @ rows + precision)))
-
-
-def _median(x: Array) -> float:
-    """Return the median of x (n,), none NaN, as ``np.median`` does, which takes most of its time to choose an axis."""
-    half = x.size // 2
-    if x.size % 2:
-        return float(np.partition(x, half)[half])
-    below, above = np.partition(x, (half - 1, half))[half - 1 : half + 1]
-    return float(0.5 * (below + above))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from trackfg.numerics.arrays import Array
+from trackfg.numerics.robust import median
 
 
 def true_runs(mask: np.ndarray) -> np.ndarray:
@@ -56,7 +57,7 @@ def union(spans: Array) -> Array:
 
 def median_interval(t: Array) -> float:
     """Return the median interval of times that grow, s; 0 where there are fewer than two."""
-    return float(np.median(np.diff(t))) if t.size > 1 else 0.0
+    return median(t[1:] - t[:-1]) if t.size > 1 else 0.0
 
 
 Span = tuple[float, float]
