@@ -43,22 +43,32 @@ def contents(folder: Path) -> dict[str, bytes]:
     return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
 
 
-def said(arguments: list[object], lines: Path = NOTHING) -> str:
+def said(arguments: list[object]) -> str:
     """On standard error, where all went well."""
-    with lines.open("rb") as rows:
-        done = subprocess.run([*TRACKFG, *map(str, arguments)], stdin=rows, capture_output=True)
-    assert done.returncode == 0, done.stderr.decode()
-    return done.stderr.decode()
+    return _written(0, arguments)
 
 
 def refused(arguments: list[object]) -> str:
     """On standard error, where the input is bad."""
+    return _written(2, arguments)
+
+
+def _written(status: int, arguments: list[object]) -> str:
+    """Return what the command, in this process, writes to standard error until it ends with a status."""
     with pytest.MonkeyPatch.context() as patch, contextlib.redirect_stderr(io.StringIO()) as text:
         patch.setattr(sys, "argv", ["trackfg", "stream", *map(str, arguments)])
         with pytest.raises(SystemExit) as ended:
             main.main()
-    assert ended.value.code == 2
+    assert int(ended.value.code or 0) == status, text.getvalue()
     return text.getvalue()
+
+
+def said_of_lines(arguments: list[object], lines: Path) -> str:
+    """On standard error of a process that reads lines on standard input, where all went well."""
+    with lines.open("rb") as rows:
+        done = subprocess.run([*TRACKFG, *map(str, arguments)], stdin=rows, capture_output=True)
+    assert done.returncode == 0, done.stderr.decode()
+    return done.stderr.decode()
 
 
 def killed(out: Path, arguments: list[object], wait_s: float, lines: Path = NOTHING) -> bool:
@@ -105,10 +115,10 @@ def test_lines_are_passed_over_that_were_sent_before(tmp_path: Path) -> None:
     lines, out = tmp_path / "lines.jsonl", tmp_path / "out"
     lines.write_text("\n".join([json.dumps({"description": DESCRIPTION}), *rows]))
     arguments: list[object] = ["-", "--lag", "5", "--checkpoint-every", "3"]
-    said([*arguments, "-o", tmp_path / "whole"], lines)
+    said_of_lines([*arguments, "-o", tmp_path / "whole"], lines)
     assert killed(out, arguments, 0.0, lines)
     assert killed(out, [*arguments, "--resume"], 0.3, lines)
-    again = said([*arguments, "-o", out, "--resume"], lines)
+    again = said_of_lines([*arguments, "-o", out, "--resume"], lines)
     assert "lines are passed over, which have to be those sent before" in again
     assert contents(out) == contents(tmp_path / "whole")
 
