@@ -78,7 +78,7 @@ def fit_force(recording: Recording, axes: AxesEstimate, clock: ClockOffset | Non
     found = estimate_gyro_columns(scaled)
     accel, gyro = _fewest_edits(turn, found.matrix @ turn) if found.is_wrong else (turn, turn)
     as_declared = np.array_equal(turn, np.eye(3)) and not found.is_wrong
-    pitch, yaw = turned_aside(scaled, np.eye(3)) if as_declared else (None, None)
+    pitch, yaw = turned_aside(scaled) if as_declared else (None, None)
     return ForceFit(
         forward_slope(balance, found.matrix),
         lateral_slope(scaled, found.matrix),

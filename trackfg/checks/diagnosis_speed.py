@@ -11,7 +11,7 @@ three sigmas.
 
 A sensor that points to the left of the direction of travel by an angle a feels ``-sin(a)`` of the acceleration across,
 and one that points below it by b ``sin(b)`` of it upwards. These are slopes of what the balance leaves of lateral and
-vertical force on the acceleration, beside the other products of small angles (:meth:`ForceBalance.by_tilt`).
+vertical force on the acceleration, beside the other products of small angles (:meth:`ForceBalance.tilt_columns`).
 """
 
 from __future__ import annotations
@@ -67,17 +67,16 @@ def lateral_slope(balance: ForceBalance, P: Array) -> Slope | None:
     return slope_of(expected, balance.force[1] - (balance.predicted(P)[1] - expected), balance.block)
 
 
-def turned_aside(balance: ForceBalance, P: Array) -> tuple[Angle | None, Angle | None]:
+def turned_aside(balance: ForceBalance) -> tuple[Angle | None, Angle | None]:
     """Return by how much the sensor points below the direction of travel and to the left of it, pitch and yaw."""
-    left = balance.force - balance.predicted(P)
+    left = balance.force - balance.predicted(np.eye(3))
     up, across = (_share_of_acceleration(balance, left[equation], equation) for equation in (2, 1))
     return up, None if across is None else Angle(-across.value_deg, across.sd_deg)
 
 
 def _share_of_acceleration(balance: ForceBalance, force: Array, equation: int) -> Angle | None:
     """Return the share of the acceleration in a force (n,) as an angle; None where too few blocks show any."""
-    columns = [balance.acceleration, balance.turned[2], *([balance.moving[2]] if equation == 2 else [])]
-    A = np.stack(columns, axis=1)
+    A = np.stack(balance.tilt_columns(equation, vertical=2), axis=1)
     blocks = [balance.block == number for number in np.unique(balance.block)]
     normal = np.array([A[rows].T @ A[rows] for rows in blocks])
     right = np.array([A[rows].T @ force[rows] for rows in blocks])

@@ -75,12 +75,17 @@ class ForceBalance:
 
     def by_tilt(self, equation: int, vertical: int) -> Array:
         """Return an orthonormal basis (n, k) of what small tilts leave in an equation, if column ``vertical`` is z."""
-        columns = [self.acceleration, self.turned[vertical]]
-        if equation != 1:  # across, the product with the speed is what is looked for
-            columns.append(self.moving[vertical])
+        columns = self.tilt_columns(equation, vertical)
         sizes = [max(float(np.linalg.norm(column)), 1e-12) for column in columns]
         basis, _ = np.linalg.qr(np.stack([column / size for column, size in zip(columns, sizes, strict=True)], axis=1))
         return np.asarray(basis)
+
+    def tilt_columns(self, equation: int, vertical: int) -> list[Array]:
+        """Return what small tilts multiply in an equation, each (n,): the tach's acceleration first."""
+        columns = [self.acceleration, self.turned[vertical]]
+        if equation != 1:  # across, the product with the speed is what is looked for
+            columns.append(self.moving[vertical])
+        return columns
 
     def predicted(self, P: Array) -> Array:
         """Return what the gyro implies of the force if its columns are mixed by ``P`` (3, 3). Shape (3, n)."""

@@ -37,7 +37,7 @@ def robust_sd(errors: Array) -> float:
 
     ``errors``: any shape, at least one and none NaN; the result has their unit.
     """
-    return SD_PER_MAD * float(np.median(np.abs(errors)))
+    return SD_PER_MAD * median(np.abs(errors).ravel())
 
 
 def jackknife_sd(others: Array, value: float) -> float:
@@ -59,7 +59,7 @@ def cauchy_fit(
     off, weight = right, np.ones(len(rows))
     precision = np.diag(1.0 / np.square(prior_sd))
     for _ in range(_ROUNDS):
-        level = max(SD_PER_MAD * median(np.abs(off - median(off))), least_sd)
+        level = max(robust_sd(off - median(off)), least_sd)
         weighted = rows.T * weight / (per_value * level**2)
         found = np.asarray(np.linalg.solve(weighted @ rows + precision, weighted @ right), dtype=np.float64)
         off = right - rows @ found

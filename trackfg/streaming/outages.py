@@ -12,9 +12,8 @@ from typing import NamedTuple
 import numpy as np
 
 from trackfg.checks.limits import CheckLimits
-from trackfg.factors.states import Kind
+from trackfg.factors.odometry import MOST_CREEP
 from trackfg.results.events import Event
-from trackfg.solver.covariance import posterior_covariance
 from trackfg.streaming.window.running_window import RunningWindow
 from trackfg.streaming.window.sample_buffer import SampleBuffer
 from trackfg.streaming.window.starting_window import KnownDistance
@@ -22,8 +21,6 @@ from trackfg.streaming.window.starting_window import KnownDistance
 LONGEST_S = 100.0
 """The longest outage that is bridged, s. Chosen on the simulator: on the mainline in motion two outages of 90 s were
 bridged well; of two of 120 s one was not, nor was one of 160 s."""
-_CREEP = 0.02
-"""A wheel may creep by as much all the time, as a share of the way: the top of the creep curve."""
 _BESIDE_S = 1.0
 """Rows of the tach that are further from an outage than this, s, do not tell the count at its ends."""
 _JUST_S = 1e-6
@@ -63,15 +60,14 @@ def distance_after(outage: Outage, running: RunningWindow) -> KnownDistance:
     It is that before and what the tach has counted since, in the direction in which it went before. Without a count the
     vehicle may have run at any speed.
     """
-    odo = running.newest.states.odo
-    variance = posterior_covariance(running.root.last(1)).of(Kind.ODO)[0, 0, 0]
-    before_sd = float(np.hypot(np.sqrt(variance), running.votes.doubt_m))
-    before = KnownDistance(outage.begin_s, float(odo.distance[-1]), before_sd)
-    counted = _counted(outage, running)
+    before, counted = running.known_distance, _counted(outage, running)
     if counted is None:
         return KnownDistance(outage.end_s, before.distance_m, before.sd_at(outage.end_s))
-    way, uncounted_m = float(odo.scale[-1]) * counted[0], CheckLimits().speed_error_mps * counted[1]
-    sd = float(np.sqrt(before_sd**2 + (_CREEP * way) ** 2 + uncounted_m**2))
+    way, uncounted_m = (
+        float(running.newest.states.odo.scale[-1]) * counted[0],
+        CheckLimits().speed_error_mps * counted[1],
+    )
+    sd = float(np.sqrt(before.sd_m**2 + (MOST_CREEP * way) ** 2 + uncounted_m**2))
     return KnownDistance(outage.end_s, before.distance_m + way, sd)
 
 

@@ -64,10 +64,10 @@ class SourceTable:
             return column.to_numpy(dtype=np.float64, na_value=np.nan)
         if not pd.api.types.is_string_dtype(column):
             raise BadInputError(f"{self.name}: column {name!r} holds {column.dtype}; expected numbers")
-        self.refuse_stray_text(name)
         text = column.str.strip()
         wrong = _no_numbers(text)
         if wrong.size:
+            self.refuse_stray_text(name)
             raise BadInputError(self._refused_cells(name, wrong))
         values = pd.to_numeric(text, errors="coerce")
         return values.to_numpy(dtype=np.float64, na_value=np.nan)

@@ -12,16 +12,12 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
-import numpy as np
-
 from trackfg.config import SmoothConfig
-from trackfg.factors.states import Kind
 from trackfg.results.events import Event
-from trackfg.solver.covariance import posterior_covariance
 from trackfg.streaming.window.fix_voting import FixVotes
 from trackfg.streaming.window.running_window import FAILURES, FilterUpdate, Relinearisation, RunningWindow
 from trackfg.streaming.window.sample_buffer import AFTER_S, SampleBuffer
-from trackfg.streaming.window.starting_window import KnownDistance, StartingWindow
+from trackfg.streaming.window.starting_window import StartingWindow
 
 _SHORTEST_S = 0.02
 """The last interval of a stream is as long as this, s, or there is none."""
@@ -120,9 +116,7 @@ class MovingWindow:
         """Begin anew where the last pass knew the vehicle, or after rows that do not make a first window."""
         begin, distance = t, self.starting.distance
         if self.running is not None:
-            window, self.damped_work = self.running.window, self.running.damped_work_after
-            variance = posterior_covariance(self.running.root.last(1)).of(Kind.ODO)[0, 0, 0]
-            begin, sd = float(window.t[-1]), float(np.hypot(np.sqrt(variance), self.votes.doubt_m))
-            distance = KnownDistance(begin, float(window.states.odo.distance[-1]), sd)
+            distance, self.damped_work = self.running.known_distance, self.running.damped_work_after
+            begin = distance.t_s
         self.lost = LostWindow(begin, reason, self.running)
         self.running, self.starting = None, StartingWindow.after(begin, distance)

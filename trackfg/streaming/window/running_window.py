@@ -42,7 +42,7 @@ from trackfg.streaming.window.next_interval import predict_interval, with_other_
 from trackfg.streaming.window.noise_record import NoiseRecord
 from trackfg.streaming.window.rests import LOOK_S, Rests
 from trackfg.streaming.window.sample_buffer import AFTER_S, SampleBuffer
-from trackfg.streaming.window.starting_window import FirstProblem, late_tach
+from trackfg.streaming.window.starting_window import FirstProblem, KnownDistance, late_tach
 from trackfg.streaming.window.stream_context import StreamContext
 from trackfg.streaming.window.tach_buffer import TachBuffer
 from trackfg.streaming.window.wheel_creep import WALK_PER_SQRT_M, Creep, scale_walks, with_creep, with_walk
@@ -202,6 +202,13 @@ class RunningWindow:
             float(self.newest.t[0]), spacing / max(1.0 / config.interval_s, speed / config.distance_m)
         )
 
+    @property
+    def known_distance(self) -> KnownDistance:
+        """The distance along the track at the last pass; contradicting fixes add to its sigma."""
+        variance = posterior_covariance(self.root.last(1)).of(Kind.ODO)[0, 0, 0]
+        sd = float(np.hypot(np.sqrt(variance), self.votes.doubt_m))
+        return KnownDistance(float(self.window.t[-1]), float(self.window.states.odo.distance[-1]), sd)
+
     def has_tach_for(self, t: float) -> bool:
         """Return whether the tach's rows that a keyframe at ``t`` needs are there, or will not come."""
         return self.tach is None or self.tach.rows_end(t, self.buffer.tach, self.buffer.until) is not None
@@ -227,7 +234,7 @@ class RunningWindow:
             self.tach = late_tach(self.buffer, self.context.config, last, float(newest.states.odo.count[0]))
         if self.tach is not None:
             navs, buffer = (newest.states.nav, pair.prediction.interval.predicted.nav), self.buffer
-            forward = (float(nav.v[0] @ nav.R[0, :, 0]) for nav in navs)
+            forward = (float(nav.own_velocity[0, 0]) for nav in navs)
             begin, end = (speed if abs(speed) > _CERTAIN_SIGMAS * self.speed_sd else 0.0 for speed in forward)
             until = self.tach.rows_end(t, buffer.tach, buffer.until) or t + AFTER_S
             wheel = self.tach.wheel_until(until, buffer.tach, last, (begin, end), buffer.uncounted)

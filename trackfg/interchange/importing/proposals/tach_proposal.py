@@ -9,6 +9,7 @@ from typing import Any, Literal
 import numpy as np
 import pandas as pd
 
+from trackfg.checks.limits import CheckLimits
 from trackfg.errors import BadInputError
 from trackfg.interchange.importing.columns.column_meaning import first_of, has_axes_beside, kind_in
 from trackfg.interchange.importing.columns.column_names import parts_of
@@ -24,8 +25,6 @@ _TURNS = 0.3
 """Share of the steps of each row's own count that are of another sign than the step before."""
 _FALLS = 0.01
 """Share of the steps that fall where a vehicle rolls back; fewer are rows that are wrong."""
-_FASTEST_MPS = 170.0
-"""No train is faster."""
 
 
 def propose_tach(proposal: Proposal, tables: Sequence[SourceTable], ask: Ask) -> None:
@@ -89,7 +88,7 @@ def _can_be_of_each_row(table: SourceTable, section: dict[str, Any], values: np.
         metres = np.pi * section["wheel_diameter_m"] / section["pulses_per_rev"]
     else:
         metres = factor_of(section["unit"], "length") or 1.0
-    return bool(np.quantile(values, 0.9) * metres <= _FASTEST_MPS * interval)
+    return bool(np.quantile(values, 0.9) * metres <= CheckLimits().speed_error_mps * interval)
 
 
 def _is_scalar(table: SourceTable, name: str) -> bool:
