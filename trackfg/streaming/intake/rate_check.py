@@ -29,7 +29,7 @@ class RateCheck:
     """Counts half seconds: ``blocks`` of them in all, ``beyond`` what a vehicle does, ``since_s`` the first of these.
 
     ``waiting`` (n, 4): time and rates of one that is not complete; ``last`` and ``speed_mps``: time and distance of the
-    newest row of the tach, and its speed. ``largest``: the largest mean rate.
+    newest row of the tach, and its speed. ``largest``: the largest mean rate. ``reported``: whether the event is out.
     """
 
     limits: CheckLimits
@@ -40,11 +40,11 @@ class RateCheck:
     beyond: int = 0
     largest: float = 0.0
     since_s: float | None = None
-    told: bool = False
+    reported: bool = False
 
     def take(self, rows: Array, tach: Array | None, imu: Imu) -> Event | None:
         """Take the next rows of the IMU (n, 7) and of the tach (m, 2), canonical; return an event when it is due."""
-        if self.told:
+        if self.reported:
             return None
         if tach is not None and len(tach):
             self._keep_speed(tach)
@@ -65,7 +65,7 @@ class RateCheck:
         self.since_s = float(rows[first[:-1][beyond][0], 0]) if self.since_s is None else self.since_s
         if self.beyond * BLOCK_S < LEAST_S or self.beyond < LEAST_SHARE * self.blocks:
             return None
-        self.told = True
+        self.reported = True
         other = "deg/s" if imu.gyro_unit == "rad/s" else "rad/s"
         what = f"angular rates of {self.largest:.3g} rad/s as declared ({imu.gyro_unit}), which no vehicle holds"
         advice = f'the data look like {other}: set gyro_unit = "{other}" of the IMU, and begin anew'

@@ -33,8 +33,8 @@ except ImportError as error:
 LARGEST_RECORD = 256_000_000
 """Bytes of a record, packed or unpacked."""
 
-_TELLING_BYTES = 2**16
-"""Bytes by which a file is told from another one: beyond the description and the schemas they hold rows."""
+_COMPARED_BYTES = 2**16
+"""First bytes of a file that identify it: besides the description and the schemas they hold rows."""
 
 DESCRIPTION_TOPIC = "description"
 
@@ -66,7 +66,7 @@ class McapSource:
         self._path, self._batch_s, self._position = Path(path), batch_s, position
         self.description = self._first_message() if description is None else description
         with self._path.open("rb") as file:
-            self.first_rows = hashlib.sha256(file.read(_TELLING_BYTES)).hexdigest()
+            self.first_rows = hashlib.sha256(file.read(_COMPARED_BYTES)).hexdigest()
 
     def __iter__(self) -> Iterator[Batch]:
         parser = RowParser(self.description, "message", self._batch_s)
