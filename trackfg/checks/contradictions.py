@@ -51,7 +51,7 @@ def contradictions(recording: Recording, estimates: Estimates, limits: CheckLimi
     """Return where the estimates contradict the description."""
     description, force = recording.description, estimates.force
     return [
-        *_axes(estimates.axes, force),
+        *_axes(estimates.axes, force, limits),
         *_columns(description.imu, force),
         *_mounting(force, limits),
         *_clock(description.tach, estimates.clock_offset),
@@ -73,12 +73,18 @@ def _warning(code: str, message: str, column: str, expected: str | None = None, 
     return Finding("warning", code, message, file=_TOML, column=column, expected=expected, hint=hint)
 
 
-def _axes(axes: AxesEstimate, force: ForceFit | None) -> list[Finding]:
-    if force is None or not force.axes_are_wrong or axes.forward_correlation is None:
+def _axes(axes: AxesEstimate, force: ForceFit | None, limits: CheckLimits) -> list[Finding]:
+    if axes.forward_correlation is None or axes.best_forward_correlation is None:
+        return []
+    if axes.forward_by == "tach" and (force is None or not force.axes_are_wrong):
+        return []
+    if axes.forward_by == "positions" and (
+        axes.best_forward == "+x" or axes.best_forward_correlation < limits.axis_correlation
+    ):
         return []
     message = (
-        f"with {axes.declared!r} the axis that follows the tach's acceleration is {axes.best_forward} "
-        f"(correlation {axes.best_forward_correlation:.2f}; forward {axes.forward_correlation:.2f})"
+        f"with {axes.declared!r} the axis that follows the acceleration of the {axes.forward_by} is "
+        f"{axes.best_forward} (correlation {axes.best_forward_correlation:.2f}; forward {axes.forward_correlation:.2f})"
     )
     hint = f'set imu.axes = "{axes.proposed}", or reverse the vehicle frame if the run was backwards'
     return [_warning("forward-axis", message, "imu.axes", "+x", hint)]

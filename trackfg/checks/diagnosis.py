@@ -73,7 +73,7 @@ def estimates_of(recording: Recording) -> Estimates:
     if tach is not None:
         sensed = with_sense(recording)
         usable = replace(recording, tach=without_silence(sensed, silent) if silent else sensed)
-    axes = estimate_axes(usable.imu, usable.tach, recording.description.imu.axes)
+    axes = estimate_axes(usable.imu, usable.tach, recording.description.imu.axes, recording.gnss)
     standstills = find_standstills(usable, min_duration_s=3.0)
     offset = estimate_clock_offset(usable)
     fixes, gnss = recording.fixes, recording.gnss

@@ -1,7 +1,8 @@
-"""Which way the IMU's columns point, from gravity and from the tach.
+"""Which way the IMU's columns point, from gravity and from the tach or else from positions.
 
 * Up: at rest and on average, specific force points up.
 * Forward: ``f_x = dv/dt - g sin(pitch)`` correlates with the tach's acceleration; backwards, the sign is negative.
+  Without a tach it is that of the positions, along chords of some seconds: the band is slower then.
 * Left: ``f_y = v w_z + g sin(roll)`` and ``d roll/dt = w_x`` give ``f_y = v w_z + g int w_x dt``, with cant or without.
   The slope of f_y on the right-hand side is 1; it is negative where gyro and accelerometer disagree in sign, and pi/180
   (180/pi) where the gyro is in deg/s (rad/s) but declared otherwise.
@@ -11,11 +12,13 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import dataclass
+from typing import Literal, NamedTuple
 
 import numpy as np
 import pandas as pd
 
 from trackfg.checks.diagnosis_clock import lagged_correlation, tach_acceleration
+from trackfg.checks.diagnosis_positions import path_along
 from trackfg.numerics import rotations
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.units import STANDARD_GRAVITY
@@ -24,11 +27,24 @@ from trackfg.sensors.averages import Motion, averaged, band_passed
 
 _STEP_S = 0.25
 _SHORT_S, _LONG_S = 0.6, 6.0
-_MAX_LAG_S = 20.0
-_FEWEST_INTERVALS = 40
 _MIN_ACCELERATION = 0.01
 _MIN_LATERAL = 0.005
 _MIN_CORRELATION = 0.5
+
+
+class Comparison(NamedTuple):
+    """How acceleration is compared with forces: the averages' standard deviations, longest lag, least time, s."""
+
+    short_s: float
+    long_s: float
+    max_lag_s: float
+    least_s: float
+
+
+BY_TACH = Comparison(_SHORT_S, _LONG_S, max_lag_s=20.0, least_s=10.0)
+BY_POSITIONS = Comparison(2.0, 12.0, max_lag_s=3.0, least_s=120.0)
+"""Chords of positions last 4 s, a receiver is late by up to 2 s; in ten times the band's length other axes are alike
+by less than 0.3 by chance."""
 
 AXES = tuple(
     "".join(letters)
@@ -45,8 +61,9 @@ class AxesEstimate:
 
     ``up`` is the direction of gravity's reaction in the declared vehicle axes, ``tilt_deg`` its angle from vertical,
     ``magnitude_mps2`` the median specific force. ``forward_correlation`` is that of the declared forward axis with the
-    tach's acceleration, ``best_forward`` the axis (``"+x"`` ... ``"-z"``, declared) with the highest one; None where
-    the tach shows no acceleration. ``lateral_correlation`` and ``gyro_slope`` are those of the third relation.
+    acceleration of what ``forward_by`` names, ``best_forward`` the axis (``"+x"`` ... ``"-z"``, declared) with the
+    highest one; None where no acceleration is shown. ``lateral_correlation`` and ``gyro_slope`` are those of the third
+    relation.
     """
 
     declared: str
@@ -54,6 +71,7 @@ class AxesEstimate:
     up: tuple[float, float, float]
     tilt_deg: float
     magnitude_mps2: float
+    forward_by: Literal["tach", "positions"] | None = None
     forward_correlation: float | None = None
     best_forward: str | None = None
     best_forward_correlation: float | None = None
@@ -66,14 +84,23 @@ class AxesEstimate:
         return rotations.axes_matrix(self.proposed) @ rotations.axes_matrix(self.declared).T
 
 
-def estimate_axes(imu: pd.DataFrame, tach: pd.DataFrame | None, declared: str) -> AxesEstimate:
-    """Everything above, from the ``imu`` and ``tach`` tables that were read with ``imu.axes = declared``."""
+def estimate_axes(
+    imu: pd.DataFrame, tach: pd.DataFrame | None, declared: str, gnss: pd.DataFrame | None = None
+) -> AxesEstimate:
+    """Return everything above, from the tables that were read with ``imu.axes = declared``.
+
+    ``gnss`` counts without a tach.
+    """
     up = mean_specific_force(imu)
     magnitude = float(np.linalg.norm(up))
     up = up / magnitude if magnitude > 0 else np.array([0.0, 0.0, 1.0])
     vertical = int(np.argmax(np.abs(up)))
     motion = None if tach is None else averaged(imu, tach, _STEP_S)
     forward = None if motion is None else forward_correlations(motion)
+    by: Literal["tach", "positions"] = "tach"
+    if tach is None and gnss is not None and (path := path_along(gnss, imu["t_s"].to_numpy())) is not None:
+        moved = averaged(imu, path, _STEP_S)
+        forward, by = None if moved is None else forward_correlations(moved, BY_POSITIONS), "positions"
     lateral = None if motion is None else lateral_balance(motion)
     best, name, best_value = None, None, None
     if forward is not None:
@@ -88,6 +115,7 @@ def estimate_axes(imu: pd.DataFrame, tach: pd.DataFrame | None, declared: str) -
         up=(float(up[0]), float(up[1]), float(up[2])),
         tilt_deg=float(np.degrees(np.arccos(np.clip(up[2], -1.0, 1.0)))),
         magnitude_mps2=magnitude,
+        forward_by=None if forward is None else by,
         forward_correlation=None if forward is None else float(forward[0]),
         best_forward=name,
         best_forward_correlation=best_value,
@@ -107,6 +135,12 @@ def specific_force_blocks(imu: pd.DataFrame) -> Array:
     interval = float(np.median(np.diff(imu["t_s"])))
     size = max(1, round(min(0.5 / max(interval, np.finfo(np.float64).tiny), accel.shape[0] // 4)))
     return np.asarray(accel[: accel.shape[0] // size * size].reshape(-1, size, 3).mean(axis=1), dtype=np.float64)
+
+
+def levelling_deg(up: Array) -> tuple[float, float]:
+    """Return the roll and the pitch (``mount_rpy_deg``, degrees) that turn the direction ``up`` (3,) up."""
+    roll, pitch = np.arctan2(up[1], up[2]), -np.arcsin(np.clip(up[0], -1.0, 1.0))
+    return float(np.degrees(roll)), float(np.degrees(pitch))
 
 
 def propose_axes(declared: str, up: Array, forward: Array | None) -> str:
@@ -129,20 +163,20 @@ def propose_axes(declared: str, up: Array, forward: Array | None) -> str:
     return declared if agrees else best
 
 
-def forward_correlations(motion: Motion) -> Array | None:
-    """The correlation, highest in magnitude over lags up to 20 s, of each axis with the tach's acceleration, (3,).
+def forward_correlations(motion: Motion, how: Comparison = BY_TACH) -> Array | None:
+    """Return the correlation, highest in magnitude over the lags, of each axis with the acceleration, (3,).
 
-    None where the tach shows no acceleration.
+    None where the motion shows no acceleration, or is too short.
     """
-    if motion.speed.size < _FEWEST_INTERVALS:
+    if motion.speed.size * motion.step_s < how.least_s:
         return None
-    acceleration = band_passed(tach_acceleration(motion), motion.valid, motion.step_s, _SHORT_S, _LONG_S)
+    acceleration = band_passed(tach_acceleration(motion), motion.valid, motion.step_s, how.short_s, how.long_s)
     if np.sqrt(np.mean(acceleration**2)) < _MIN_ACCELERATION:
         return None
     best = []
     for force in motion.accel.T:
-        filtered = band_passed(force, motion.valid, motion.step_s, _SHORT_S, _LONG_S)
-        _, correlation = lagged_correlation(acceleration, filtered, _MAX_LAG_S / motion.step_s)
+        filtered = band_passed(force, motion.valid, motion.step_s, how.short_s, how.long_s)
+        _, correlation = lagged_correlation(acceleration, filtered, how.max_lag_s / motion.step_s)
         best.append(correlation[np.argmax(np.abs(correlation))])
     return np.array(best)
 

@@ -102,6 +102,19 @@ def _gnss_lag(tach: pd.DataFrame, gnss: pd.DataFrame) -> Lag | None:
     return best_lag(a, b, _STEP_S, _LONG_S, _MAX_LAG_S, _MIN_CORRELATION)
 
 
+def path_along(gnss: pd.DataFrame, shared: Array) -> pd.DataFrame | None:
+    """Return the path along chords of the positions as a tach's table, in the time ``shared`` (n,), s, with a table.
+
+    None where positions are too few, or span no time without a gap.
+    """
+    t, valid, chord_s = _chord_times(gnss, shared)
+    if t.size < 3 or not valid.any():
+        return None
+    chords = _chords(gnss, t[:, None] + 0.5 * chord_s * np.array([-1.0, 1.0]))
+    path = np.cumsum(np.linalg.norm(chords, axis=1)) * _STEP_S / chord_s
+    return pd.DataFrame({"t_s": t[valid], "distance_m": path[valid]})
+
+
 def course_slope(imu: pd.DataFrame, gnss: pd.DataFrame, delay_s: float) -> Slope | None:
     """Return the slope of the turns of GNSS chords on those that the gyro shows; None without curves.
 

@@ -166,7 +166,7 @@ def gravity_findings(imu: Imu, table: pd.DataFrame, toml: str, limits: CheckLimi
         return []
     expected = "+1 g on the upward axis at rest"
     if tilt <= limits.tilt_error_deg or abs(up).max() < np.cos(np.radians(limits.tilt_error_deg)):
-        roll, pitch = np.degrees(np.arctan2(up[1], up[2])), np.degrees(-np.arcsin(np.clip(up[0], -1, 1)))
+        roll, pitch = diagnosis_axes.levelling_deg(up)
         message = f"gravity is {tilt:.0f} deg off the vertical of the declared axes"
         hint = f"if the sensor is mounted so, turn imu.mount_rpy_deg by roll {roll:.1f}, pitch {pitch:.1f} deg"
         level: Level = "warning" if tilt <= limits.tilt_error_deg else "error"

@@ -84,8 +84,9 @@ def _heard_tach(values: Mapping[str, Any]) -> dict[str, str]:
 
 
 def _axes(axes: Mapping[str, Any]) -> dict[str, str]:
-    agree = "as the data show" if axes["proposed"] == axes["declared"] else f"the data show {axes['proposed']}"
     forward = axes.get("best_forward")
+    shown = "the data show" if forward else "gravity shows"
+    agree = f"as {shown}" if axes["proposed"] == axes["declared"] else f"{shown} {axes['proposed']}"
     return {
         "axes": f"{axes['declared']} declared, {agree}",
         "tilt of the sensor": f"{axes['tilt_deg']:.2f} deg at {axes['magnitude_mps2']:.3f} m/s^2",

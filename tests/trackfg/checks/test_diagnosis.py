@@ -18,7 +18,7 @@ from trackfg.checks.diagnosis_clock import estimate_clock_offset
 from trackfg.checks.diagnosis_rest import noise_density, static_bias
 from trackfg.checks.diagnosis_wheel import scale_from_fixes, scale_from_gnss
 from trackfg.datasets.effects.catalogue import effect
-from trackfg.datasets.scenarios import scenario, simulate
+from trackfg.datasets.scenarios import Simulation, scenario, simulate
 from trackfg.datasets.vehicle.driving import Service
 from trackfg.datasets.vehicle.motion import Limits
 from trackfg.io.check import check_recording
@@ -253,6 +253,24 @@ def test_right_axes_are_left_alone(axes: str, make_draft: MakeDraft, tmp_path: P
     assert found.gyro_slope == pytest.approx(1.0, abs=0.1)
     assert found.lateral_correlation is not None
     assert found.lateral_correlation > 0.95
+
+
+def test_positions_show_the_forward_axis_of_a_log_without_a_wheel(
+    simulated_in_full: Callable[..., Simulation],
+) -> None:
+    run = replace(simulated_in_full("mainline-field", seed=1, duration_s=300.0).recording, tach=None)
+    quarter = axes_matrix("RFU")
+    imu = run.imu.copy()
+    imu[["wx_radps", "wy_radps", "wz_radps"]] = run.gyro @ quarter
+    imu[["fx_mps2", "fy_mps2", "fz_mps2"]] = run.accel @ quarter
+
+    _, of_right = diagnose(run)
+    _, of_wrong = diagnose(replace(run, imu=imu))
+
+    assert "forward-axis" not in {finding.code for finding in of_right}
+    (line,) = [str(finding) for finding in of_wrong if finding.code == "forward-axis"]
+    assert "follows the acceleration of the positions is +y" in line
+    assert 'set imu.axes = "RFU"' in line
 
 
 def test_gravity_alone_keeps_the_forward_letter_if_it_can() -> None:
