@@ -36,6 +36,7 @@ _SHOWN = {
         "gyro": ("gyro", "gyro_unit"),
         "accel": ("accelerometer", "accel_unit"),
         "axes": ("axes", ""),
+        "mount_rpy_deg": ("turned by", ""),
         "rigid": ("follows the track", ""),
     },
     "tach": {"column": ("wheel", "unit"), "pulses_per_rev": ("pulses per turn", ""), "signed": ("knows direction", "")},

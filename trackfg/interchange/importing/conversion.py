@@ -319,7 +319,8 @@ def _column(sensor: MappedSensor, table: SourceTable, part: Any) -> Array:
 def _in_order(table: SourceTable, sensor: MappedSensor) -> tuple[SourceTable, Times]:
     """Return the table and the times of its rows: in sequence, and where samples are regular without repetitions.
 
-    Rows that are written twice count once; other stamps that repeat are spread again.
+    Rows that are written twice count once; other stamps that repeat are spread again. Of positions at one time the last
+    counts: a phone corrects its first ones.
     """
     times = read_times(table, sensor.time_columns, sensor.notation)
     since = times.since(times.first_ns)
@@ -327,6 +328,10 @@ def _in_order(table: SourceTable, sensor: MappedSensor) -> tuple[SourceTable, Ti
     if order is not None:
         table, times = _taken(table, times, order)
         since = times.since(times.first_ns)
+    if sensor.kind == "gnss":
+        last = np.append(np.diff(since) != 0.0, True)
+        if 2 * np.count_nonzero(last) > last.size and not last.all():
+            return _taken(table, times, np.flatnonzero(last))
     if sensor.kind in ("fixes", "gnss", BALISES):
         return table, times
     twice = repeated_rows(since, table.frame)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from trackfg.checks.diagnosis import estimates_of
-from trackfg.checks.diagnosis_axes import AXES
+from trackfg.checks.diagnosis_axes import AXES, levelling_deg
 from trackfg.checks.limits import CheckLimits
 from trackfg.files.temporary_folder import temporary_folder
 from trackfg.interchange.importing.columns.written_units import Quantity, factor_of
@@ -18,6 +18,7 @@ from trackfg.interchange.importing.conversion import write_imported
 from trackfg.interchange.importing.mapping import mapping_of
 from trackfg.interchange.importing.proposals.questions import Ask, Proposal, Question, asked, asked_unit
 from trackfg.interchange.importing.source_table import SourceTable
+from trackfg.numerics import rotations
 from trackfg.numerics.spans import median_interval
 
 if TYPE_CHECKING:
@@ -53,6 +54,7 @@ def settle_by_force(proposal: Proposal, tables: Sequence[SourceTable], ask: Ask)
             recording = _recording(proposal, tables)
             estimates = estimates_of(recording)
             _axes(proposal, estimates, recording, ask)
+        _level(proposal, estimates)
     if _settle_speed(proposal, estimates):
         estimates = estimates_of(_recording(proposal, tables))
     _settle_rate(proposal, estimates)
@@ -90,7 +92,8 @@ def _axes(proposal: Proposal, estimates: Estimates, recording: Recording, ask: A
     correlation = axes.best_forward_correlation
     if correlation is not None and correlation >= CheckLimits().axis_correlation:
         imu["axes"] = axes.proposed
-        proposal.reasons["imu.axes"] = f"gravity and the tach's acceleration show it (correlation {correlation:.2f})"
+        shown = f"gravity and the acceleration of the {axes.forward_by} show it"
+        proposal.reasons["imu.axes"] = f"{shown} (correlation {correlation:.2f})"
         return
     up = recording.accel.mean(axis=0)
     vertical = int(np.argmax(np.abs(up)))
@@ -102,6 +105,16 @@ def _axes(proposal: Proposal, estimates: Estimates, recording: Recording, ask: A
     proposal.reasons["imu.axes"] = "gravity shows which axis is vertical; the others were answered"
 
 
+def _level(proposal: Proposal, estimates: Estimates) -> None:
+    """State the tilt of a sensor that lies along no axis, as a phone in a cup holder does."""
+    imu, axes = proposal.sections["imu"], estimates.axes
+    up = rotations.axes_matrix(imu["axes"]) @ rotations.axes_matrix(axes.declared).T @ np.array(axes.up)
+    if up[2] < math.cos(math.radians(CheckLimits().tilt_warning_deg)):
+        roll, pitch = levelling_deg(up)
+        imu["mount_rpy_deg"] = [round(roll, 1), round(pitch, 1), 0.0]
+        proposal.reasons["imu.mount_rpy_deg"] = "deg of roll, pitch and yaw: gravity shows it"
+
+
 def _counts_the_other_way(proposal: Proposal, ask: Ask) -> bool:
     """Ask whether an accelerometer that reads down as up, and braking as accelerating, does so by its signs.
 
@@ -109,7 +122,7 @@ def _counts_the_other_way(proposal: Proposal, ask: Ask) -> bool:
     its owner knows. Turn its signs where it is so, forget the axes, and return that.
     """
     imu = proposal.sections["imu"]
-    if not {"B", "D"} <= set(imu["axes"]) or "imu.axes" not in proposal.reasons:
+    if not {"B", "D"} <= set(imu["axes"]) or "imu.axes" not in proposal.reasons or imu["accel_unit"].startswith("-"):
         return False
     text = "At rest the accelerometer reads -1 g upwards: is it upside down, or are its signs the other way round?"
     if ask(Question("imu.accel_signs", text, "upside down", ("upside down", "other signs"))) == "upside down":

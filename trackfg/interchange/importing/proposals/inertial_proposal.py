@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from itertools import takewhile
 from typing import Any
@@ -15,6 +16,8 @@ from trackfg.interchange.importing.source_table import SourceTable
 
 _SLOW_COPY = 0.5
 """Columns with fewer rows than that share of the most are slow copies of a sensor."""
+_CORE_MOTION = re.compile(r"accelerometerAcceleration|motionUserAcceleration")
+"""Names of SensorLog, which logs what iOS measures: the force of gravity, -1 g upwards at rest."""
 _NAMED_TABLES = 8
 """Tables that a message names."""
 
@@ -91,6 +94,9 @@ def _same_rows(gyro: Triple, accel: Triple) -> bool:
 
 def _unit(proposal: Proposal, triple: Triple, key: str, ask: Ask) -> str:
     """Return the unit of three columns: without a stated one a likely one, named as assumed, or the answer."""
+    if key == "accel" and _CORE_MOTION.match(triple.columns[0]):
+        proposal.reasons["imu.accel_unit"] = "an iPhone's acceleration reads -1 g upwards at rest"
+        return f"-1 {triple.unit or 'g'}"
     if triple.known:
         return triple.unit
     text = f"Unit of {', '.join(triple.columns)}"

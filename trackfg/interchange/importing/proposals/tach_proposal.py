@@ -11,7 +11,7 @@ import pandas as pd
 
 from trackfg.checks.limits import CheckLimits
 from trackfg.errors import BadInputError
-from trackfg.interchange.importing.columns.column_meaning import first_of, has_axes_beside, kind_in
+from trackfg.interchange.importing.columns.column_meaning import first_of, has_axes_beside, kind_in, stem_of
 from trackfg.interchange.importing.columns.column_names import parts_of
 from trackfg.interchange.importing.columns.time_columns import is_sample_counter
 from trackfg.interchange.importing.columns.written_units import factor_of, unit_in
@@ -21,6 +21,8 @@ from trackfg.interchange.importing.times import TimeNotation, read_times, unwrap
 
 _WHEEL = re.compile(r"wheel|rad(?!ar|ius)|axle|achse|tach|odo")
 """Names of speeds that no GNSS receiver gives."""
+_PHONES = re.compile(r"pedomet|proximity")
+"""Names of distances that a phone measures beside: those that its owner walks, and that to his ear."""
 _TURNS = 0.3
 """Share of the steps of each row's own count that are of another sign than the step before."""
 _FALLS = 0.01
@@ -94,7 +96,8 @@ def _can_be_of_each_row(table: SourceTable, section: dict[str, Any], values: np.
 def _is_scalar(table: SourceTable, name: str) -> bool:
     """Return whether a column holds numbers of a wheel: no part of a vector, as a velocity is, no count of samples."""
     is_number = pd.api.types.is_numeric_dtype(table.frame[name])
-    return is_number and not has_axes_beside(table, name) and not is_sample_counter(table, name)
+    is_phones = _PHONES.search(f"{stem_of(table.name)} {name}".casefold()) is not None
+    return is_number and not (is_phones or has_axes_beside(table, name) or is_sample_counter(table, name))
 
 
 def _diameter(ask: Ask) -> float:

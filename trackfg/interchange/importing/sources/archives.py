@@ -17,6 +17,8 @@ from trackfg.errors import BadInputError
 
 _LARGEST_BYTES = 20_000_000_000
 """Of an archive, unpacked: more is a mistake or an attack."""
+_LONGEST_LINE_BYTES = 65_536
+"""A longer first line holds no names of columns."""
 _TAR = (".tar", ".tgz", ".tbz2", ".txz", ".tar.gz", ".tar.bz2", ".tar.xz")
 UNREADABLE = (
     OSError,
@@ -45,6 +47,22 @@ def names_in(path: Path) -> list[str]:
         return [name for name, *_ in _members(path)] if is_archive(path) and path.is_file() else []
     except UNREADABLE:
         return []
+
+
+def first_lines(path: Path, wanted: Callable[[str], bool]) -> list[str]:
+    """Return the first lines of the files of a folder or an archive whose name is ``wanted``; none where damaged."""
+    try:
+        if path.is_dir():
+            files = (file for file in path.rglob("*") if wanted(file.name) and file.is_file())
+            return [_first_line(file.open("rb")) for file in files]
+        return [_first_line(opened()) for name, _, opened in _members(path) if wanted(PurePosixPath(name).name)]
+    except UNREADABLE:
+        return []
+
+
+def _first_line(opened: IO[bytes]) -> str:
+    with opened as stream:
+        return stream.readline(_LONGEST_LINE_BYTES).decode("utf-8", "replace")
 
 
 def unpacked(path: Path, folder: Path, wanted: Callable[[str], bool]) -> list[tuple[str, Path]]:

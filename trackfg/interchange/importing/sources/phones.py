@@ -6,7 +6,9 @@ from gravity, so that only the latter is of use.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import csv
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path, PurePosixPath
 from typing import Any
@@ -19,8 +21,8 @@ from trackfg.files.temporary_folder import temporary_folder
 from trackfg.interchange.importing.columns.column_names import axis_and_rest
 from trackfg.interchange.importing.source_format import DialectFor, SourceFormat
 from trackfg.interchange.importing.source_table import SourceTable
-from trackfg.interchange.importing.sources.archives import names_in, unpacked
-from trackfg.interchange.importing.sources.sensor_json import is_sensor_json, read_sensor_json
+from trackfg.interchange.importing.sources.archives import first_lines, names_in, unpacked
+from trackfg.interchange.importing.sources.sensor_json import described, is_sensor_json, read_sensor_json
 from trackfg.interchange.importing.text_table import read_text
 
 SIGMA_OF_RADIUS = 1.0 / 1.515
@@ -35,15 +37,20 @@ class SensorLogger(SourceFormat):
     title = "Sensor Logger (phones): a folder or zip with TotalAcceleration.csv and Gyroscope.csv, or its JSON"
 
     def recognises(self, path: Path) -> bool:
-        """Return whether it holds a gyroscope's file beside the app's own ones, or entries of sensors in JSON."""
-        names = _names(path)
-        own = {"TotalAcceleration.csv", "Accelerometer.csv", "Metadata.csv"}
-        return bool(names & {"Gyroscope.csv", "GyroscopeUncalibrated.csv"} and names & own) or is_sensor_json(path)
+        """Return whether a file has the app's second column of times or describes its recording, or is its JSON."""
+        marks = ("seconds_elapsed", "recording time")
+        return any(mark in head for head in _heads(path) for mark in marks) or is_sensor_json(path)
 
     def tables(self, path: Path, dialect_for: DialectFor) -> Sequence[SourceTable]:
-        """Read total acceleration, gyro and location; gravity is added to an acceleration without it."""
+        """Read total acceleration, gyro and location; gravity is added to an acceleration without it.
+
+        An iPhone's acceleration, with gravity or without, has the opposite sign unless the app is set to standardise
+        (CROSSPLATFORM.md of tszheichoi/awesome-sensor-logger): -1 g upwards at rest.
+        """
         wanted = ("TotalAcceleration", "Accelerometer", "Gravity", "Gyroscope", "Location", *_UNCALIBRATED)
-        named = read_sensor_json(path, wanted) if is_sensor_json(path) else _read(path, wanted, dialect_for)
+        in_json = is_sensor_json(path)
+        named = read_sensor_json(path, wanted) if in_json else _read(path, wanted, dialect_for)
+        about = described(path) if in_json else _metadata(path)
         for raw, name in _UNCALIBRATED.items():
             if raw in named and name not in named:
                 named[name] = replace(named[raw], name=name)
@@ -56,6 +63,8 @@ class SensorLogger(SourceFormat):
             )
         if "Gyroscope" not in named:
             raise BadInputError(f"{path.name}: no Gyroscope.csv; expected it. Hint: switch on the Gyroscope in the app")
+        if about.get("platform") == "ios" and about.get("standardisation") != "true":
+            named["TotalAcceleration"] = _turned_round(named["TotalAcceleration"])
         return [
             _with_sigmas(named[name], "horizontalAccuracy", "verticalAccuracy")
             for name in ("TotalAcceleration", "Gyroscope", "Location")
@@ -90,9 +99,10 @@ class Phyphox(SourceFormat):
     title = "phyphox (phones): a folder or zip of its CSV export"
 
     def recognises(self, path: Path) -> bool:
-        """Return whether it has phyphox's file of times, and a sensor's."""
+        """Return whether it has a sensor's file beside phyphox's file of times, or with its column of times."""
         names = _names(path)
-        return "time.csv" in names and bool(names & {*_PHYPHOX_FILES, "Raw Data.csv"})
+        of_sensor = bool(names & {*_PHYPHOX_FILES, "Raw Data.csv"})
+        return of_sensor and ("time.csv" in names or any("Time (s)" in head for head in _heads(path)))
 
     def tables(self, path: Path, dialect_for: DialectFor) -> Sequence[SourceTable]:
         """Read gyroscope, accelerometer and location."""
@@ -170,21 +180,62 @@ def _on_calendar(table: SourceTable, parts: tuple[np.ndarray, np.ndarray] | None
 _PHYPHOX_FILES = ("Gyroscope.csv", "Accelerometer.csv", "Location.csv")
 
 
-def _unpacked(path: Path, folder: Path) -> list[Path]:
-    return [file for _, file in unpacked(path, folder, lambda name: name.casefold().endswith(".csv"))]
-
-
 def _names(path: Path) -> set[str]:
     if path.is_dir():
         return {file.name for file in path.rglob("*.csv")}
     return {PurePosixPath(name).name for name in names_in(path)} if path.suffix.casefold() == ".zip" else set()
 
 
-def _read(path: Path, wanted: Sequence[str], dialect_for: DialectFor) -> dict[str, SourceTable]:
-    """Read the CSV files of these names that are there and have rows."""
+def _heads(path: Path) -> list[str]:
+    """Return the first lines of the files of sensors that both apps have, and of metadata. Never raises."""
+    if path.is_file() and path.suffix.casefold() != ".zip":
+        return []
+    names = ("Gyroscope", "Accelerometer", "TotalAcceleration", "Metadata", *_UNCALIBRATED)
+    wanted = {f"{name}.csv" for name in names}
+    return first_lines(path, lambda name: name in wanted)
+
+
+@contextmanager
+def _files(path: Path) -> Iterator[list[Path]]:
+    """Unpack a zip for the block, and give its CSV files or those of a folder."""
     with temporary_folder() as folder:
-        files = sorted(path.rglob("*.csv")) if path.is_dir() else _unpacked(path, folder)
-        return {file.stem: read_text(file, dialect_for(file.name)) for file in files if file.stem in wanted}
+        if path.is_dir():
+            yield sorted(path.rglob("*.csv"))
+        else:
+            yield [file for _, file in unpacked(path, folder, lambda name: name.casefold().endswith(".csv"))]
+
+
+def _read(path: Path, wanted: Sequence[str], dialect_for: DialectFor) -> dict[str, SourceTable]:
+    """Read the CSV files of these names that are there and have rows: a phone indoors has no location."""
+    with _files(path) as files:
+        return {
+            file.stem: read_text(file, dialect_for(file.name))
+            for file in files
+            if file.stem in wanted and _has_rows(file)
+        }
+
+
+def _has_rows(file: Path) -> bool:
+    with file.open("rb") as stream:
+        return bool(stream.readline().strip() and stream.readline().strip())
+
+
+def _metadata(path: Path) -> dict[str, str]:
+    """Return what ``Metadata.csv`` says of the phone and of the app's settings, in lower case; nothing without it."""
+    with _files(path) as files:
+        for file in files:
+            if file.name == "Metadata.csv":
+                with file.open(encoding="utf-8-sig", errors="replace", newline="") as stream:
+                    row = next(csv.DictReader(stream), {})
+                return {str(name): str(value).strip().casefold() for name, value in row.items()}
+    return {}
+
+
+def _turned_round(accel: SourceTable) -> SourceTable:
+    """Return an acceleration of the opposite sign, with a note."""
+    note = f"{accel.name}: an iPhone's acceleration, which reads -1 g upwards at rest, is taken with the opposite sign"
+    frame = accel.frame.assign(**{axis: -accel.numbers(axis) for axis in "xyz"})
+    return replace(accel, frame=frame, notes=(*accel.notes, note))
 
 
 def _with_gravity(free: SourceTable, gravity: SourceTable) -> SourceTable:

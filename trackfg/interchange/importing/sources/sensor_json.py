@@ -20,6 +20,7 @@ from trackfg.interchange.importing.source_table import SourceTable
 from trackfg.interchange.importing.sources.archives import UNREADABLE
 
 _BEGINNING = re.compile(rb'\s*\[\s*\{[^{}]*"sensor"\s*:')
+_JSON = "the JSON of Sensor Logger"
 _HEAD_BYTES = 65_536
 """The first entry, which describes the recording, is shorter."""
 
@@ -35,6 +36,14 @@ def is_sensor_json(path: Path) -> bool:
         return False
 
 
+def described(path: Path) -> dict[str, str]:
+    """Return what the first entry says of the phone and of the app's settings, in lower case; nothing without it."""
+    with readable(path, _JSON, UNREADABLE), _opened(path) as stream:
+        head = stream.read(_HEAD_BYTES).decode("utf-8", "replace")
+        entry, _ = json.JSONDecoder().raw_decode(head, head.index("{"))
+    return {name: str(value).strip().casefold() for name, value in entry.items()}
+
+
 def read_sensor_json(path: Path, wanted: Sequence[str]) -> dict[str, SourceTable]:
     """Return the tables of the wanted sensors by name. Raises :class:`BadInputError` with the reason."""
     sensors = {name: _Sensor() for name in wanted}
@@ -45,7 +54,7 @@ def read_sensor_json(path: Path, wanted: Sequence[str]) -> dict[str, SourceTable
             sensor.take(entry)
 
     faults = (*UNREADABLE, KeyError, TypeError, OverflowError, RecursionError)
-    with readable(path, "the JSON of Sensor Logger", faults), _opened(path) as stream:
+    with readable(path, _JSON, faults), _opened(path) as stream:
         json.load(stream, object_hook=take)
     return {name: sensor.table(name) for name, sensor in sensors.items() if sensor.names}
 
