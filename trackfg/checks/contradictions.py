@@ -16,6 +16,7 @@ from trackfg.checks.diagnosis_force import ForceFit, Signs
 from trackfg.checks.diagnosis_positions import PositionFit
 from trackfg.checks.diagnosis_rest import NoiseDensity, StaticBias
 from trackfg.checks.diagnosis_silence import SilentSpan
+from trackfg.checks.diagnosis_speed import Slope
 from trackfg.checks.diagnosis_wheel import WheelScale
 from trackfg.checks.imu_faults import without_imu_faults
 from trackfg.checks.limits import CheckLimits
@@ -310,7 +311,21 @@ def _gnss(recording: Recording, positions: PositionFit, force: ForceFit | None, 
         first, second, height = gnss.position
         hint = f'set gnss.position = ["{second}", "{first}", "{height}"], or negate the gyro'
         found.append(_warning("gnss-mirrored", message, "gnss.position", "1", hint))
+    if recording.tach is None and course is not None:
+        found += _turns(recording.description.imu, course)
     return found
+
+
+def _turns(imu: Imu, course: Slope) -> list[Finding]:
+    """Return where the gyro's scale is not that of the positions; with a wheel lateral force shows it."""
+    if abs(course.correlation) < _SURE_CORRELATION or not course.excludes(0.5, 2.0):
+        return []
+    message = f"the path of the positions turns {abs(course.value):.3g} times as far as the gyro shows"
+    hint = "check the unit and the scale of the gyro"
+    for unit, other, ratio in (("rad/s", "deg/s", np.radians(1.0)), ("deg/s", "rad/s", np.degrees(1.0))):
+        if imu.gyro_unit == unit and abs(np.log(abs(course.value) / ratio)) < _UNIT_TOLERANCE:
+            hint = f'the data look like {other}: set imu.gyro_unit = "{other}"'
+    return [_warning("gyro-scale", message, "imu.gyro_unit", "about 1", hint)]
 
 
 def _fixes(recording: Recording, positions: PositionFit, limits: CheckLimits) -> list[Finding]:

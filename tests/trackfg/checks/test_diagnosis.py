@@ -273,6 +273,20 @@ def test_positions_show_the_forward_axis_of_a_log_without_a_wheel(
     assert 'set imu.axes = "RFU"' in line
 
 
+def test_positions_show_a_gyro_in_another_unit_in_a_log_without_a_wheel(
+    simulated_in_full: Callable[..., Simulation],
+) -> None:
+    run = replace(simulated_in_full("mainline-field", seed=1, duration_s=300.0).recording, tach=None)
+    imu = run.imu.copy()
+    imu[["wx_radps", "wy_radps", "wz_radps"]] *= np.degrees(1.0)
+
+    _, findings = diagnose(replace(run, imu=imu))
+
+    (line,) = [str(finding) for finding in findings if finding.code == "gyro-scale"]
+    assert "times as far as the gyro shows" in line
+    assert 'set imu.gyro_unit = "deg/s"' in line
+
+
 def test_gravity_alone_keeps_the_forward_letter_if_it_can() -> None:
     assert propose_axes("FLU", np.array([0.02, 0.0, -1.0]), None) == "FRD"
     assert propose_axes("RFU", np.array([0.0, 0.1, -0.99]), None) == "LFD"

@@ -11,6 +11,7 @@ import pandas as pd
 import pytest
 from interchange.foreign_forms import START_NS, Drive
 
+from trackfg.datasets.scenarios import Simulation
 from trackfg.errors import BadInputError
 from trackfg.interchange.importing.conversion import Imported, write_imported
 from trackfg.interchange.importing.mapping import mapping_of
@@ -468,3 +469,71 @@ def test_mileposts_count_by_the_kilometrage_of_the_mapping() -> None:
     chainage = read_stations(table, ("MP", "FEET"), "mi", line)
 
     np.testing.assert_allclose(chainage, foot * np.array([100, 5300, 5315]), atol=1e-6)
+
+
+def _table(drive: Drive, force: list[str], rate: list[str], more: dict[str, np.ndarray], g: float) -> pd.DataFrame:
+    columns = {name: drive.accel[:, i] / g for i, name in enumerate(force)}
+    columns |= {name: drive.gyro[:, i] for i, name in enumerate(rate)}
+    return pd.DataFrame(columns | more)
+
+
+def test_a_phone_s_estimate_of_gravity_is_no_accelerometer(drive: Drive, tmp_path: Path, imported: Import) -> None:
+    units = {"ACCELEROMETER": "m/s²", "GYROSCOPE": "rad/s", "GRAVITY": "m/s²", "LINEAR ACCELERATION": "m/s²"}
+    names = [[f"{name} {axis} ({unit})" for axis in "XYZ"] for name, unit in units.items()]
+    gravity = np.array([0.0, 0.0, 9.81])
+    more = {name: np.full(drive.t.size, gravity[i]) for i, name in enumerate(names[2])}
+    more |= {name: drive.accel[:, i] - gravity[i] for i, name in enumerate(names[3])}
+    more["Time since start in ms "] = np.round(1e3 * drive.t).astype(int)
+    _table(drive, names[0], names[1], more, 1.0).to_csv(tmp_path / "andro.csv", index=False, sep=";")
+
+    np.testing.assert_allclose(_recording(imported(tmp_path / "andro.csv")).accel, drive.accel, atol=1e-9)
+
+
+def test_of_two_accelerations_that_state_no_unit_the_one_with_gravity_is_taken(
+    drive: Drive, tmp_path: Path, imported: Import
+) -> None:
+    more = {f"a{axis}": drive.accel[:, i] - (9.81 if axis == "z" else 0.0) for i, axis in enumerate("xyz")}
+    more |= {f"B{axis}": np.full(drive.t.size, value) for axis, value in zip("xyz", (20, 0, -40), strict=True)}
+    table = _table(drive, ["gFx", "gFy", "gFz"], ["wx", "wy", "wz"], more, STANDARD_GRAVITY)
+    table.insert(0, "time", drive.t)
+    table.to_csv(tmp_path / "toolbox.csv", index=False)
+
+    np.testing.assert_allclose(_recording(imported(tmp_path / "toolbox.csv")).accel, drive.accel, atol=1e-9)
+
+
+def test_g_forces_are_an_acceleration(drive: Drive, tmp_path: Path, imported: Import) -> None:
+    table = _table(drive, [f"GForce{a}" for a in "XYZ"], [f"Gyro{a}" for a in "XYZ"], {}, STANDARD_GRAVITY)
+    table.insert(0, "Time", pd.to_datetime(drive.ns).strftime("%Y-%m-%dT%H:%M:%S.%fZ"))
+    lines = table.to_csv(index_label="Record").splitlines()
+    path = _lines(tmp_path / "box.csv", "Format,RaceBox CSV", "Track,None", "Laps,0", "", *lines)
+
+    np.testing.assert_allclose(_recording(imported(path)).accel, drive.accel, atol=1e-9)
+
+
+@pytest.mark.parametrize("ticks", [np.arange(2000) * 10_000 + 3_900_000, np.full(2000, np.nan)])
+def test_sample_time_fine_may_count_microseconds_or_be_empty(
+    ticks: np.ndarray, drive: Drive, tmp_path: Path, imported: Import
+) -> None:
+    more = {"SampleTimeFine": ticks, "PacketCounter": np.arange(2000)}
+    names = [[f"{name}_{axis}" for axis in "XYZ"] for name in ("Acc", "Gyr")]
+    table = _table(drive, *names, more, 1.0).astype({"SampleTimeFine": "Int64"})
+    path = _lines(tmp_path / "dot.csv", "OutputRate:,100Hz", *table.to_csv(index=False).splitlines())
+
+    back = _recording(imported(path))
+
+    np.testing.assert_allclose(back.imu["t_s"] - back.imu["t_s"].iloc[0], drive.t, atol=1e-6)
+
+
+def test_curves_of_the_positions_show_a_gyro_s_unit(
+    simulated_in_full: Callable[..., Simulation], tmp_path: Path, imported: Import
+) -> None:
+    """In mrad/s they are as large as rates in deg/s may be; the path turns by as many mrad."""
+    drive = Drive.of(simulated_in_full("mainline-field", seed=1, duration_s=300.0).recording)
+    at = np.searchsorted(drive.gnss_t, drive.t, side="right") - 1
+    more = {"time": drive.t, "latitude": drive.latitude[at], "longitude": drive.longitude[at]}
+    names = [[f"{name}_{axis}" for axis in "xyz"] for name in ("acc", "gyro")]
+    _table(drive._replace(gyro=1e3 * drive.gyro), *names, more, 1.0).to_csv(tmp_path / "slow.csv", index=False)
+
+    back = _recording(imported(tmp_path / "slow.csv"))
+
+    np.testing.assert_allclose(back.gyro, drive.gyro, atol=1e-9)

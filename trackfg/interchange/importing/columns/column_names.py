@@ -22,7 +22,7 @@ _BODY_RATES = {"p": "x", "q": "y", "r": "z"}
 
 _OTHER = re.compile(
     r"\bmag|magn(?!itude)|\bmx\b|temp(?!o|s\b)|press|baro|quat|euler|humid|volt|batt|\bbias|\bstd\b|\bvar\b|\brms\b|cov|"
-    r"\b(min|max|mean|avg)\b"
+    r"\b(min|max|mean|avg)\b|^(motion )?(gravity|schwerkraft)\b(?! ?free)|^motiongravity"
 )
 """Quantities beside a gyro and an accelerometer that have axes too, and statistics of theirs."""
 _PATTERNS = {
@@ -32,7 +32,7 @@ _PATTERNS = {
         r"turn.?rate|^rate\b|\brates?$|(roll|pitch|yaw).?(rate|vel)|(wank|nick|gier).?(rate|geschw)|dtheta|"
         r"delta.?(theta|ang)|角速度|陀螺"
     ),
-    "accel": r"acc(?!ur)|beschl|acel|specific.?force|dvel|delta.?v|加速度|^load.?factor",
+    "accel": r"acc(?!ur)|g.?force|beschl|acel|specific.?force|dvel|delta.?v|加速度|^load.?factor",
     "speed": r"speed|geschw|veloc|vitesse|twist.*linear\.x|^v$|^v[\s_\[(]|kmh|km/h|nopeus|速度|车速|^vel$",
     "count": (
         r"pulse|impuls|^(?!.*(packet|sample|frame|sat|error|message|msg|seq)).*count|"
@@ -46,7 +46,7 @@ _PATTERNS = {
     "latitude": r"^lat|latitude|breite|緯度|纬度|(?<=gps )lat|(?<=gnss )lat",
     "longitude": r"^lon(?!g.?acc)|^lng|longitude|länge|laenge|経度|经度|(?<=gps )lon|(?<=gnss )lon",
     "height": r"^alt|altitude|height|höhe|hoehe|^h$|ellh|(?<=gps )alt|(?<=gnss )alt",
-    "sd_horizontal": r"h(or\w*)?[ _]?acc|horizontal.?accuracy|^accuracy|sd[ _]?[neh]\b",
+    "sd_horizontal": r"h(or\w*)?[ _]?acc|horizontal.?accuracy|^((gps|gnss|location)[ _])?accuracy|sd[ _]?[neh]\b",
     "sd_vertical": r"v(er\w*)?[ _]?acc\b|vertical.?accuracy|altitude.?accuracy|sd[ _]?[uv]\b",
     "time": (
         r"^t$|time|zeit|uhr|datum|(?<!up)date|utc|stamp|elapsed|epoch|heure|seconds?$|^ts$|^gpst$|\btow\b|^sow$|^sod$|"
@@ -55,7 +55,7 @@ _PATTERNS = {
 }
 """In the order in which they are tried. English, German, some other languages; anything else has to be stated."""
 _INERTIAL = ("gyro", "accel", "free_accel")
-_COMPACT = {"gyro": re.compile(r"\b[gw] ?[xyz]\b"), "accel": re.compile(r"\b[abf] ?[xyz]\b")}
+_COMPACT = {"gyro": re.compile(r"\b[gw] ?[xyz]\b"), "accel": re.compile(r"\b(gf|[abf]) ?[xyz]\b")}
 """Letters with an axis that stand for a quantity where no word does."""
 
 _SUFFIX = re.compile(r"^(.*[^\s_])[\s_]*[\s_(\[]([^\s_()\[\]]+)[)\]]?$")

@@ -18,8 +18,11 @@ _TIME_UNITS = {1.0: "s", 1e-3: "ms", 1e-6: "us", 1e-9: "ns"}
 _COUNTER = re.compile(r"^(sample|packet|frame|msg|message|seq(uence)?|row|index|idx|nr|no|n|#|record|line|counter|cnt)"
                       r"[\s_]*(no|nr|num(ber)?|index|idx|id|count(er)?|#)?\.?$", re.IGNORECASE)  # fmt: skip
 """Names of columns that count samples."""
-_TICKS_S = {"sampletimefine": 1e-4}
-"""Counters whose tick is known, s: Xsens counts 100 us (MT Low-Level Communication Protocol, XDI_SampleTimeFine)."""
+_TICKS_S = {"sampletimefine": (1e-4, 1e-6)}
+"""Counters whose tick is known, s: Xsens counts 100 us (MT Low-Level Communication Protocol, XDI_SampleTimeFine), or
+1 us in a DOT."""
+_SLOWEST_S = 0.25
+"""Samples of an inertial sensor are less far apart, s."""
 _RATE = re.compile(
     r"(?:(?:sampl\w*|update|output|data|abtast\w*|mess\w*|log\w*)[\s_-]*(?:rate|freq\w*|frequenz)?|fs|freq\w*)"
     r"[^\d\n]{0,12}?(\d+(?:[.,]\d+)?)\s*(k?)(?:hz|sps|s/s|samples)",
@@ -37,6 +40,7 @@ def time_columns(table: SourceTable) -> tuple[str, ...] | None:
     if COMPOSED in table.columns:
         return (COMPOSED,)
     named = [name for name in table.columns if meaning(name) == "time" or name.casefold() in _TICKS_S]
+    named = [name for name in named if table.frame[name].notna().any()]
     text = [name for name in named if pd.api.types.is_string_dtype(table.frame[name])]
     if len(text) >= 2:
         first, second = (str(table.frame[name].iloc[0]) for name in text[:2])
@@ -114,8 +118,9 @@ def time_unit(
     name = columns[0]
     if len(columns) == 2 or pd.api.types.is_string_dtype(table.frame[name]):
         return {}
-    if (tick := _TICKS_S.get(name.casefold())) is not None:
-        return {"time_unit": "ticks", "tick_s": tick}
+    if (ticks := _TICKS_S.get(name.casefold())) is not None:
+        step = float(np.median(np.diff(table.numbers(name))))
+        return {"time_unit": "ticks", "tick_s": next((tick for tick in ticks if step * tick < _SLOWEST_S), ticks[-1])}
     stated = table.units.get(name) or parts_of(name).unit
     factor = factor_of(stated, "time")
     if factor in _TIME_UNITS:

@@ -141,10 +141,14 @@ def _settle_speed(proposal: Proposal, estimates: Estimates) -> bool:
 
 
 def _settle_rate(proposal: Proposal, estimates: Estimates) -> None:
-    """Set the unit of a gyro that states none by the lateral force that speed and yaw rate need."""
-    slope = None if estimates.force is None else estimates.force.lateral
-    if slope is not None and abs(slope.correlation) >= CheckLimits().axis_correlation:
-        _rescale(proposal, "imu.gyro_unit", abs(slope.value), "lateral force fits speed and yaw rate")
+    """Set the unit of a gyro that states none by the lateral force that speed and yaw rate need, or else by curves."""
+    slopes = {
+        "lateral force fits speed and yaw rate": None if estimates.force is None else estimates.force.lateral,
+        "the positions turn as it does": estimates.positions.course,
+    }
+    for reason, slope in slopes.items():
+        if slope is not None and abs(slope.correlation) >= CheckLimits().axis_correlation:
+            _rescale(proposal, "imu.gyro_unit", abs(slope.value), reason)
 
 
 def _candidates(key: str, part: dict[str, Any]) -> tuple[Quantity, tuple[str, ...]]:

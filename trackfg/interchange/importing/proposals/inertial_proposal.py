@@ -64,6 +64,8 @@ def _chosen(tables: Sequence[SourceTable], kind: InertialKind, ask: Ask, beside:
     found = [triple for table in tables for triple in triples(table, kind)]
     rows = [triple.values().shape[1] for triple in found]
     found = [triple for triple, n in zip(found, rows, strict=True) if n > _SLOW_COPY * max(rows)]
+    if kind == "accel":
+        found = [triple for triple in found if triple.known and has_gravity(triple)] or found
     if len(found) > 1 and beside is not None:
         alike = [_likeness(triple, beside) for triple in found]
         found = [triple for triple, value in zip(found, alike, strict=True) if value == max(alike)]
