@@ -119,7 +119,7 @@ def stream(options: StreamOptions) -> None:
             "trackfg: warning: no estimates: expected more than 10 s in which the IMU and the tach, or the IMU and "
             "GNSS, have rows"
         )
-    for doubt in counts.doubts:
+    for doubt in counts.doubts.values():
         complain(f"trackfg: warning: {doubt}")
 
 

@@ -15,6 +15,7 @@ module              content
 ``sigma_test``      whether smoothed and filtered estimates differ by more than their sigmas
 ``roll_test``       whether the mean roll on straights is zero
 ``vibration_test``  whether the sensor vibrates by more than the track's sigmas
+``doubts``          when a stream reports what it doubts
 ``late_clocks``     whether a clock is off by more than it allows for
 ``back_pressure``   sparser keyframes while rows come faster than they can be handled
 ``sinks``           where estimates go: JSON lines, a callback, Parquet parts

@@ -39,6 +39,7 @@ from trackfg.results.events import Event
 from trackfg.smoothing.localisation import MapChainage
 from trackfg.solver.square_root import SquareRoot
 from trackfg.streaming.checkpoint.snapshot import Snapshot, dump, load_attributes
+from trackfg.streaming.doubts import Doubts
 from trackfg.streaming.late_clocks import clock_doubts
 from trackfg.streaming.locating.map_locator import MapLocator
 from trackfg.streaming.outages import Outage, distance_after, outage_after
@@ -135,6 +136,7 @@ class FixedLagSmoother:
     _sigma_test: SigmaTest
     _roll_test: RollTest
     _vibration_test: VibrationTest
+    _doubts: Doubts
 
     def __init__(
         self,
@@ -168,6 +170,7 @@ class FixedLagSmoother:
         self._moving = MovingWindow(self._buffer, self.config, lag_s, on_map=feature_map is not None)
         self._tables, self._done_s = None, -np.inf
         self._sigma_test, self._roll_test, self._vibration_test = SigmaTest(), RollTest(), VibrationTest()
+        self._doubts = Doubts()
 
     def put(self, rows: Rows) -> Estimates:
         """Take the next rows and return the estimates that they make."""
@@ -187,7 +190,10 @@ class FixedLagSmoother:
             moving.prepare(t)
         elif moving.running is None:
             self._buffer.forget(self._buffer.until - _KEPT_S, self._buffer.until - _KEPT_S)
-        return self._tested(_estimates_of(_table(filtered), outputs))
+        estimates = self._tested(_estimates_of(_table(filtered), outputs))
+        if moving.running is None or not self._doubts.are_due(self._buffer.until):
+            return estimates
+        return estimates._replace(events=(*estimates.events, *self._doubts.new(self._doubted())))
 
     def finish(self) -> Estimates:
         """Return what is left when no more rows come; nothing where they were too few to begin with."""
@@ -196,6 +202,10 @@ class FixedLagSmoother:
         if (waiting := self._moving.waiting_event()) is not None:
             outputs.append(PassOutput([], (waiting,)))
         last = self._tested(_estimates_of(_table([] if update is None else [self._filtered_row(update)]), outputs))
+        return last._replace(events=(*last.events, *self._doubted()))
+
+    def _doubted(self) -> tuple[Event, ...]:
+        """Return what the tests of the sigmas say now of all that has come."""
         until, running = self._buffer.until, self._moving.running
         doubts = (*self._sigma_test.events(until), *self._roll_test.events(until))
         doubts += fix_doubts(self._moving.votes.tested, self._moving.votes.squares, until)
@@ -203,7 +213,7 @@ class FixedLagSmoother:
             doubts += self._vibration_test.events(until, running.context.conventions)
             doubts += (*running.noise.events(until), *running.gnss.events(until))
             doubts += clock_doubts(running.newest.states.clock[0], self.config, until)
-        return last._replace(events=(*last.events, *doubts))
+        return doubts
 
     def _tested(self, estimates: Estimates) -> Estimates:
         running = self._moving.running

@@ -25,6 +25,7 @@ from trackfg.numerics.blas_threads import one_thread
 from trackfg.results.events import DOUBT, Event
 from trackfg.streaming.back_pressure import BackPressure
 from trackfg.streaming.checkpoint.checkpoint import Checkpoint, Checkpoints
+from trackfg.streaming.doubts import subject_of
 from trackfg.streaming.events import UnreadableRows, event_table
 from trackfg.streaming.fixed_lag import NO_ESTIMATES, Estimates, FixedLagSmoother
 from trackfg.streaming.intake.imu_clock import ClockLimits
@@ -42,15 +43,15 @@ class StreamCounts:
 
     ``by_table``: rows taken; ``left_out``: rows of each table that were not passed on, by kind of event;
     ``unreadable``: lines or messages that were no row; ``broken``: where the source ended too early, if it did. All of
-    these are since the last start. ``doubts``: the quantities whose sigmas are too small, as found at the end of the
-    stream.
+    these are since the last start. ``doubts``: the newest sentences on quantities whose sigmas are too small, by their
+    subjects.
     """
 
     rows_in: int = 0
     rows_used: int = 0
     keyframes: int = 0
     events: Counter[str] = field(default_factory=Counter)
-    doubts: tuple[str, ...] = ()
+    doubts: dict[str, str] = field(default_factory=dict)
     by_table: Counter[str] = field(default_factory=Counter)
     left_out: dict[str, Counter[str]] = field(default_factory=dict)
     unreadable: int = 0
@@ -208,7 +209,7 @@ class Stream:
         counts.rows_in, counts.rows_used = self.intake.rows_in, self.intake.rows_out
         counts.keyframes += len(estimates.filtered)
         counts.events.update(event.kind for event in events)
-        counts.doubts += tuple(event.detail for event in events if event.kind == DOUBT)
+        counts.doubts.update((subject_of(event), event.detail) for event in events if event.kind == DOUBT)
         for event in events:
             if event.kind == "broken-input":
                 counts.broken = event.detail
