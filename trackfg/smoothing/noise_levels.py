@@ -9,10 +9,12 @@ agree with what is declared: the mean of an inverse gamma distribution, the conj
 al., Bayesian Data Analysis, ch. 2). The less the rest of the graph checks a group, the less its level moves.
 
 The inertial sensors' level is first that of the intervals nearby (shocks, a bridge, a stretch of bad track), then, of
-the intervals that are left, that of the run; other groups, and the walks of the biases, have one for the run. Biases
-that walk faster than declared are what a sensor that warms up shows, or one that rectifies vibration in its own way.
-Residuals show a gyro's walk well, and an accelerometer's, which makes gradients wrong, hardly. Both are of one grade:
-where the gyro's level is above 1, it is what is expected of the other.
+the intervals that are left, that of the run; other groups, and the walks of the biases, have one for the run. The n
+residuals of a stretch with a level of its own agree with the level of the whole run: where the graph checks a noisy
+sensor little, each stretch stands out, and none would be raised by much from 1. Biases that walk faster than declared
+are what a sensor that warms up shows, or one that rectifies vibration in its own way. Residuals show a gyro's walk
+well, and an accelerometer's, which makes gradients wrong, hardly. Both are of one grade: where the gyro's level is
+above 1, it is what is expected of the other.
 
 No level is below 1, and what was raised comes down again once something else explains the residuals. Sensors that are
 better than declared, or wheels, show too little of it in one run: the sum of their small errors, which is what matters,
@@ -166,17 +168,24 @@ def _with_inertial_levels(run: SolvedRun, residuals: dict[str, Residuals]) -> Pr
     return replace(problem, run=replace(problem.run, noise=noise), measured=tuple(measured))
 
 
-def levels_over_time(group: Residuals, level: Array, earlier: Array = _NO_SUMS) -> tuple[Array, np.ndarray]:
+def levels_over_time(
+    group: Residuals, level: Array, earlier: Array = _NO_SUMS, all_earlier: Array = _NO_SUMS
+) -> tuple[Array, np.ndarray]:
     """Return the level of each interval (m,): that of the intervals nearby, else that of the others in the run; and
     whether it is the latter, (m,).
 
-    ``level`` (m,) is what it was assumed to be; ``earlier`` (2,): squares and redundancy of others in the run.
+    ``level`` (m,) is what it was assumed to be; ``earlier`` (2,): squares and redundancy of others in the run that have
+    no level of their own, and ``all_earlier`` (2,) of all.
     """
     squares, redundancy = np.sum(group.values**2, axis=1) * level**2, np.sum(group.redundancy, axis=1)
     near, near_redundancy = (_NEARBY * uniform_filter1d(x, _NEARBY, mode="constant") for x in (squares, redundancy))
     found = levels_seen(near, near_redundancy, tests=max(1.0, len(squares) / _NEARBY))
     usual = found == 1.0
     found[usual] = levels_seen(earlier[0] + np.sum(squares[usual]), earlier[1] + np.sum(redundancy[usual]))
+    if not usual.all():
+        over_all = levels_seen(all_earlier[0] + np.sum(squares), all_earlier[1] + np.sum(redundancy))
+        own = (_AGREEING * over_all**2 + near[~usual]) / (_AGREEING + np.maximum(near_redundancy[~usual], _NONE))
+        found[~usual] = np.sqrt(own)
     return found, usual
 
 

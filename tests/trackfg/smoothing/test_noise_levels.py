@@ -114,6 +114,15 @@ def test_chance_raises_no_stretch_of_a_long_run() -> None:
     assert (levels_over_time(shaken, np.ones(16_000))[0][8005:8010] > 1.5).all()
 
 
+def test_a_noisy_sensor_that_little_checks_has_the_level_of_all_its_stretches() -> None:
+    """Each stretch alone says little: ten times the noise, of which the graph sees a hundredth part."""
+    seen = np.full((600, 3), 0.01)
+    values = 10.0 * np.sqrt(seen) * np.random.default_rng(1).standard_normal(seen.shape)
+    level, usual = levels_over_time(Residuals(np.arange(600), values, seen), np.ones(600))
+    assert np.count_nonzero(~usual) > 400
+    assert np.median(level[~usual]) > 7.0
+
+
 @pytest.mark.parametrize("redundancy", [3.0, 10.0, 30.0])
 def test_stretches_that_little_checks_are_raised_by_chance_as_rarely_as_others(redundancy: float) -> None:
     """Sums of few squares are far more often far off than normal values of their variance; a day has 6000 stretches."""

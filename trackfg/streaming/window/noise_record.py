@@ -63,8 +63,9 @@ class NoiseRecord:
     ``newest`` (2,) those of intervals to come; ``others`` (groups,): those of motion, path and wheel.
 
     Of the intervals that were marginalised, ``sums`` (2 + groups, 2) holds the squares of the residuals and their
-    redundancy, without those of inertial sensors that have a level of their own; ``squared_levels`` (2 + groups,) the
-    sum of the squares of their levels, ``count`` how many they are.
+    redundancy, without those of inertial sensors that have a level of their own, and ``all_sums`` (2, 2) of inertial
+    sensors with these; ``squared_levels`` (2 + groups,) the sum of the squares of their levels, ``count`` how many they
+    are.
 
     ``at_rest``: what rests have shown up to ``rests_s``, and ``excess`` (6,) by what the density squared is thus above
     what the spectrum shows, gyro first.
@@ -75,6 +76,7 @@ class NoiseRecord:
     newest: Array = field(default_factory=lambda: np.ones(2))
     others: Array = field(default_factory=lambda: np.ones(len(_OTHERS)))
     sums: Array = field(default_factory=lambda: np.zeros((len(_GROUPS), 2)))
+    all_sums: Array = field(default_factory=lambda: np.zeros((len(_INERTIAL), 2)))
     squared_levels: Array = field(default_factory=lambda: np.zeros(len(_GROUPS)))
     count: int = 0
     at_rest: RestNoise = field(default_factory=RestNoise)
@@ -113,6 +115,7 @@ class NoiseRecord:
         """
         before = self.at(window.t[:-1])
         inertial, others, marginalised = before.copy(), self.others.copy(), np.zeros_like(self.sums)
+        all_marginalised = np.zeros_like(self.all_sums)
         for i, name in enumerate(_GROUPS):
             if name not in groups:
                 continue
@@ -120,9 +123,10 @@ class NoiseRecord:
             first = group.keyframe < leaving
             if name in _INERTIAL:
                 level = before[group.keyframe, i]
-                seen, usual = levels_over_time(group, level, self.sums[i])
+                seen, usual = levels_over_time(group, level, self.sums[i], self.all_sums[i])
                 inertial[group.keyframe, i] = settled(level, seen)
                 marginalised[i] = _sums(group, level, usual & first)
+                all_marginalised[i] = _sums(group, level, first)
             else:
                 level = np.full(len(first), self.others[k])
                 squares, redundancy = self.sums[i] + _sums(group, level, np.full(len(first), True))
@@ -131,7 +135,8 @@ class NoiseRecord:
                 marginalised[i] = _sums(group, level, first)
         factors = inertial / before, others / self.others
         self._take(window.t, inertial, others, leaving)
-        self.sums = self.sums * np.exp((window.t[0] - window.t[leaving]) / _REMEMBERED_S) + marginalised
+        kept = np.exp((window.t[0] - window.t[leaving]) / _REMEMBERED_S)
+        self.sums, self.all_sums = self.sums * kept + marginalised, self.all_sums * kept + all_marginalised
         return _scaled_window(window, *factors)
 
     def is_worse_than_gnss(self, ratios: Mapping[str, float], gnss_level: float) -> bool:

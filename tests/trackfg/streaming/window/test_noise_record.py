@@ -59,6 +59,15 @@ def test_inertial_noise_has_a_level_where_it_is_and_the_newest_for_what_comes() 
     np.testing.assert_allclose(record.at(np.array([5.0, 55.0, 300.0])), [[1.0, 1.0], [gyro[55], 1.0], [gyro[-1], 1.0]])
 
 
+def test_a_noisy_sensor_that_little_checks_is_known_after_some_windows() -> None:
+    """Ten times the noise, of which the graph sees a hundredth part: each window alone shows 1.6 times."""
+    record = NoiseRecord()
+    for k in range(8):
+        seen = replace(residuals(np.full(N, 1.0 / record.newest[0])), redundancy=np.full((N, 3), 0.01))
+        record.weigh(window(N * k), {"gyro": seen}, N)
+    assert record.newest[0] > 5.0
+
+
 def test_levels_come_down_again() -> None:
     """Residuals in sigmas of the level are smaller: the level is that of the declared sigmas still."""
     record, one = NoiseRecord(), window()
