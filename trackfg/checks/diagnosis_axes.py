@@ -62,8 +62,8 @@ class AxesEstimate:
     ``up`` is the direction of gravity's reaction in the declared vehicle axes, ``tilt_deg`` its angle from vertical,
     ``magnitude_mps2`` the median specific force. ``forward_correlation`` is that of the declared forward axis with the
     acceleration of what ``forward_by`` names, ``best_forward`` the axis (``"+x"`` ... ``"-z"``, declared) with the
-    highest one; None where no acceleration is shown. ``lateral_correlation`` and ``gyro_slope`` are those of the third
-    relation.
+    highest one; None where no acceleration is shown. ``shown_by``: whether ``proposed`` is due to gravity alone, or to
+    motion as well. ``lateral_correlation`` and ``gyro_slope`` are those of the third relation.
     """
 
     declared: str
@@ -75,6 +75,7 @@ class AxesEstimate:
     forward_correlation: float | None = None
     best_forward: str | None = None
     best_forward_correlation: float | None = None
+    shown_by: Literal["gravity", "motion"] = "gravity"
     lateral_correlation: float | None = None
     gyro_slope: float | None = None
 
@@ -119,6 +120,7 @@ def estimate_axes(
         forward_correlation=None if forward is None else float(forward[0]),
         best_forward=name,
         best_forward_correlation=best_value,
+        shown_by="gravity" if best is None else "motion",
         lateral_correlation=None if lateral is None else lateral[1],
         gyro_slope=None if lateral is None else lateral[0],
     )

@@ -85,7 +85,7 @@ def _heard_tach(values: Mapping[str, Any]) -> dict[str, str]:
 
 def _axes(axes: Mapping[str, Any]) -> dict[str, str]:
     forward = axes.get("best_forward")
-    shown = "the data show" if forward else "gravity shows"
+    shown = "gravity shows" if axes["shown_by"] == "gravity" else "the data show"
     agree = f"as {shown}" if axes["proposed"] == axes["declared"] else f"{shown} {axes['proposed']}"
     return {
         "axes": f"{axes['declared']} declared, {agree}",

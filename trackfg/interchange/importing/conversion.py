@@ -65,6 +65,8 @@ _PLACE = "chainage_m"
 """The column of places that the source has in two."""
 _MOST_NAMED = 5
 """Errors of a recording that are named."""
+_NO_FIX = ("0", "0.0", "v", "n", "no", "false", "none", "invalid", "no fix")
+"""What receivers write where they have no position: quality 0 and status V of NMEA, fixType 0 of UBX, and words."""
 _CONSTANT = "constant_"
 """What the name of a column begins with that holds a number of the mapping in each row."""
 
@@ -212,6 +214,12 @@ def _part(sensor: MappedSensor, tables: Sequence[SourceTable], kilometrage: Kilo
     keep, notes = _says_something(sensor, table, columns)
     if sensor.kind == "gnss":
         keep &= ~np.all([values == 0.0 for values in measured[:2]], axis=0)  # what receivers write without a fix
+        if sensor.reading.valid is not None:
+            keep &= ~without_fix(table.column(sensor.reading.valid))
+        if sensor.reading.dop is not None:
+            dop = table.numbers(sensor.reading.dop)
+            keep &= dop > 0.0
+            columns = {name: _diluted(name, values, dop) for name, values in columns.items()}
         keep &= _is_news(times.since(times.first_ns), np.stack(measured, axis=1))
     if not keep.all():
         times, columns = _rows(times, keep), {name: values[keep] for name, values in columns.items()}
@@ -219,6 +227,17 @@ def _part(sensor: MappedSensor, tables: Sequence[SourceTable], kilometrage: Kilo
         raise BadInputError(f"{table.name}: the columns of [{sensor.section}] are empty; expected values")
     columns, keys = in_recorded_units(sensor, times, columns, keys)
     return _Part(sensor, times, columns, keys, notes=notes, whole=table if table is sources[0] and keep.all() else None)
+
+
+def _diluted(name: str, values: Array, dop: Array) -> Array:
+    """Return a column of a constant sigma (n,) times the dilution of precision, and any other as it is."""
+    return values * dop if name.startswith(_CONSTANT) else values
+
+
+def without_fix(column: pd.Series) -> np.ndarray:
+    """Return where a receiver's column of validity says that it has no position: 0, V (of NMEA), N or false. (n,)."""
+    text = column.astype("string").str.strip().str.casefold()
+    return np.asarray(text.isin(_NO_FIX) | text.isna())
 
 
 def _says_something(

@@ -40,7 +40,8 @@ class _Reading(BaseModel):
 
     ``file`` may be a pattern; two of them are the gyro's and the accelerometer's. ``time`` is a column, or the date's
     and the time of day's, or :data:`~trackfg.interchange.importing.source_table.ROW_NUMBER`. The keys of times are
-    those of :class:`~trackfg.interchange.importing.times.TimeNotation`.
+    those of :class:`~trackfg.interchange.importing.times.TimeNotation`. ``valid`` is the column that says whether a
+    position is one, ``dop`` that of the dilution of precision, by which constant sigmas are multiplied.
     """
 
     model_config = ConfigDict(extra="ignore", frozen=True)
@@ -56,6 +57,8 @@ class _Reading(BaseModel):
     height_unit: str = "m"
     position_unit: str = "deg"
     increments: bool = False
+    valid: str | None = None
+    dop: str | None = None
 
 
 _CONSUMED = tuple(key for key in _Reading.model_fields if key != "file")

@@ -6,6 +6,7 @@ recording that the proposal makes is examined as ``trackfg check`` does, which f
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from typing import Any
 
@@ -18,6 +19,7 @@ from trackfg.interchange.importing.columns.column_meaning import first_of, kind_
 from trackfg.interchange.importing.columns.column_names import parts_of
 from trackfg.interchange.importing.columns.time_columns import states_no_zone
 from trackfg.interchange.importing.columns.written_units import factor_of, unit_in
+from trackfg.interchange.importing.conversion import without_fix
 from trackfg.interchange.importing.mapping import FORMAT
 from trackfg.interchange.importing.proposals.evident_by_force import settle_by_force
 from trackfg.interchange.importing.proposals.inertial_proposal import propose_imu
@@ -39,6 +41,12 @@ UNKNOWN_HEIGHT_SD_M = 1000.0
 """Sigma of the height 0 where a source has none, m: no railway is as high as five of it."""
 
 
+_VALID = re.compile(
+    r"^(fix|gps|gnss|gga)[\s_-]?(quality|qual|type|mode|status|valid|ok)|^(quality|fix|valid|gnssfixok)$", re.I
+)
+"""Names of what a receiver says of a position: the quality of NMEA, the type of fix of UBX."""
+_DOP = re.compile(r"^h[\s_-]?dop\b|^dop$", re.I)
+"""Names of the (horizontal) dilution of precision."""
 RAW_DEGREES = "1e-7 deg"
 """Unit of coordinates in messages of u-blox and of MAVLink."""
 _RIGHT_ANGLE = 90.0
@@ -109,8 +117,21 @@ def _gnss(proposal: Proposal, tables: Sequence[SourceTable]) -> None:
         stated_height = unit_in(table.units.get(height) or height, "length") if height is not None else None
         if stated_height is not None and factor_of(stated_height, "length") != 1.0:
             section["height_unit"] = stated_height
+        section |= _validity(proposal, table)
+        if section["sd"] == list(GNSS_SD_M) and (dop := table.name_like(_DOP)) is not None:
+            section["dop"] = dop
+            proposal.reasons["gnss.sd"] = f"m, east, north, up: assumed, times {dop}"
         proposal.sections["gnss"] = section
         return
+
+
+def _validity(proposal: Proposal, table: SourceTable) -> dict[str, Any]:
+    """Return the key of the column that says where the receiver has no position, if it says so of some rows."""
+    name = table.name_like(_VALID)
+    if name is None or not 0 < np.count_nonzero(lost := without_fix(table.column(name))) < len(lost):
+        return {}
+    proposal.reasons["gnss.valid"] = f"{np.count_nonzero(lost)} rows without a position are left out"
+    return {"valid": name}
 
 
 def _unit_of_position(table: SourceTable, latitude: str) -> str:

@@ -139,6 +139,23 @@ def test_ubx_and_nmea_positions_come_back(tmp_path):
         np.testing.assert_allclose(frame.loc[0, ["sd_east_m", "sd_north_m", "sd_up_m"]], sd, atol=1e-3)
 
 
+def test_the_quality_of_a_gga_sentence_is_that_of_its_position(tmp_path):
+    from trackfg.interchange.importing.sources.gnss_log import read_gnss_log
+
+    nmea = tmp_path / "log.nmea"
+    nmea.write_text(
+        _sentence("GNZDA,031200.00,01,05,2026,00,00")
+        + "".join(
+            _sentence(f"GNGGA,03120{quality}.00,4654.0000,N,00724.0000,E,{quality},10,0.8,450.0,M,50.0,M,,")
+            for quality in range(9)
+        )
+    )
+
+    frame = read_gnss_log(nmea).frame
+
+    np.testing.assert_allclose(frame["sd_east_m"], 0.8 * np.array([3.0, 1.0, 3.0, 0.05, 0.5]))
+
+
 @pytest.mark.parametrize("beginning", ["", "$GNGGA"])
 def test_a_receiver_log_that_ends_in_zeros_is_given_up(beginning, tmp_path):
     from trackfg.interchange.importing.sources.gnss_log import read_gnss_log

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -537,3 +538,24 @@ def test_curves_of_the_positions_show_a_gyro_s_unit(
     back = _recording(imported(tmp_path / "slow.csv"))
 
     np.testing.assert_allclose(back.gyro, drive.gyro, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("name", "lost", "found"), [("fix_quality", 0, 4), ("valid", "V", "A"), ("gnssFixOk", False, True)]
+)
+def test_rows_in_which_a_receiver_has_no_position_are_left_out(
+    name: str, lost: Any, found: Any, drive: Drive, tmp_path: Path, imported: Import
+) -> None:
+    """They repeat the last position, or are the receiver's own guess."""
+    _write_imu(drive, tmp_path)
+    known = np.arange(20) % 5 > 0
+    places = {"lat": drive.latitude, "lon": drive.longitude, "alt": drive.height}
+    table = pd.DataFrame({"time_s": drive.gnss_t, **places, name: np.where(known, found, lost)})
+    table["HDOP"] = np.where(known, 1.5, 99.9)
+    table.to_csv(tmp_path / "gps.csv", index=False)
+
+    gnss = _recording(imported(tmp_path)).gnss
+
+    assert gnss is not None
+    np.testing.assert_allclose(gnss["t_s"], drive.gnss_t[known])
+    np.testing.assert_allclose(gnss["east_sd_m"], 4.5)

@@ -22,6 +22,12 @@ from trackfg.interchange.importing.times import as_ns
 _UERE_M = 3.0
 """Error of one range, m: with the dilution of precision it gives a sigma where the receiver states none (GPS SPS
 Performance Standard 2020, single frequency)."""
+_RANGE_SD_M = {2: 1.0, 3: _UERE_M, 4: 0.05, 5: 0.5}
+"""The same by the quality of a GGA sentence (NMEA 0183): with corrections of code (2), carrier phase with its
+ambiguities fixed (4) or not (5). That of other positions is :data:`_UERE_M`; estimated, typed or simulated ones, 6 and
+above, are no measurements."""
+_MEASURED = 5
+"""Highest quality of a GGA sentence that is a measurement."""
 
 _WITHOUT_MESSAGE_BYTES = 1_048_576
 """Most bytes of a log between two messages: minutes of corrections (RTCM), which are passed over. Searching so much
@@ -145,8 +151,8 @@ class _Nmea:
             self._date = datetime.combine(day, at, tzinfo=UTC)
         if kind == "GST" and message.stdLat != "":
             self._sigmas[at] = (message.stdLong, message.stdLat, message.stdAlt)
-        elif kind == "GGA" and message.quality and message.lat != "":
-            sd = float(message.HDOP or 1.0) * _UERE_M
+        elif kind == "GGA" and 0 < int(message.quality or 0) <= _MEASURED and message.lat != "":
+            sd = float(message.HDOP or 1.0) * _RANGE_SD_M.get(int(message.quality), _UERE_M)
             height = float(message.alt or 0.0) + float(message.sep or 0.0)
             self._found[kind].append((self._date, at, (message.lat, message.lon, height, sd, sd, 2.0 * sd)))
         elif kind == "RMC" and message.status == "A" and message.lat != "":
