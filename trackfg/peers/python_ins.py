@@ -32,6 +32,7 @@ import pandas as pd
 
 from trackfg.baselines.attitude import Attitude, SampledMotion, motion_of, roll_and_pitch, tables
 from trackfg.geometry.cross_level import cross_level
+from trackfg.numerics.blas_threads import one_thread
 from trackfg.numerics.geodesy import earth_rate_enu, geodetic_to_enu
 from trackfg.numerics.rotations import matrix_from_rpy
 from trackfg.peers.installed import require
@@ -163,7 +164,8 @@ def feedback_filter(
         index=["lat", "lon", "alt", "VN", "VE", "VD", "roll", "pitch", "heading"],
         name=imu.index[0],
     )
-    with warnings.catch_warnings():
+    # python-ins looks up columns by name ten thousand times a minute: in Arrow's strings that takes as long again.
+    with one_thread(), pd.option_context("mode.string_storage", "python"), warnings.catch_warnings():
         # What pandas means to drop is for python-ins to heed.
         warnings.simplefilter("ignore", DeprecationWarning)
         result = filters.run_feedback_filter(
