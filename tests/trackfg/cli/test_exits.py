@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -99,30 +100,40 @@ def test_a_place_that_is_none_for_a_file_is_refused_before_anything_is_read(
     assert (tmp_path / "file").read_text() == "mine"
 
 
-def test_folders_above_a_file_are_made(tmp_path: Path) -> None:
-    done = run("trackfg config -o new/folder/settings.toml", tmp_path)
+Run = Callable[..., subprocess.CompletedProcess[str]]
+
+
+@pytest.fixture
+def run_here(trackfg: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Run:
+    """Return what runs a command line in this process, in the test's own folder."""
+    monkeypatch.chdir(tmp_path)
+    return lambda command: trackfg(*command.split())
+
+
+def test_folders_above_a_file_are_made(run_here: Run, tmp_path: Path) -> None:
+    done = run_here("config -o new/folder/settings.toml")
     assert done.returncode == 0
     assert (tmp_path / "new" / "folder" / "settings.toml").read_text().startswith("#")
 
 
-def test_no_stream_is_begun_where_a_file_is(tmp_path: Path) -> None:
+def test_no_stream_is_begun_where_a_file_is(run_here: Run, tmp_path: Path) -> None:
     (tmp_path / "file").write_text("mine")
     for place, what in (("file", "file: exists; "), ("file/out", "is a file; expected a folder to write into")):
-        done = run(f"trackfg stream nowhere -o {place}", tmp_path)
+        done = run_here(f"stream nowhere -o {place}")
         assert (done.returncode, done.stderr.count("\n")) == (2, 1)
         assert what in done.stderr
     assert (tmp_path / "file").read_text() == "mine"
 
 
 @pytest.mark.parametrize("command", ["demo -o file/demo", "map build nowhere -o file/line.gpkg"])
-def test_no_work_begins_for_a_place_under_a_file(command: str, tmp_path: Path) -> None:
+def test_no_work_begins_for_a_place_under_a_file(command: str, run_here: Run, tmp_path: Path) -> None:
     (tmp_path / "file").write_text("mine")
-    done = run(f"trackfg --quiet {command}", tmp_path)
+    done = run_here(f"--quiet {command}")
     assert (done.returncode, done.stderr.count("\n")) == (2, 1)
     assert "is a file; expected a folder to write into" in done.stderr
 
 
-def test_folders_of_another_kind_are_named(tmp_path: Path) -> None:
+def test_folders_of_another_kind_are_named(run_here: Run, tmp_path: Path) -> None:
     heads = {
         "run": "recording.toml",
         "out": "summary.json",
@@ -145,6 +156,6 @@ def test_folders_of_another_kind_are_named(tmp_path: Path) -> None:
         ("statistics run", "run: is a recording; expected a trackfg result. Hint: trackfg smooth makes"),
         ("smooth out -o new", "out: is a result; expected a folder with recording.toml"),
     ):
-        done = run(f"trackfg {command}", tmp_path)
+        done = run_here(command)
         assert done.returncode == 2
         assert what in done.stderr

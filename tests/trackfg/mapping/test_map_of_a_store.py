@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import subprocess
-import sys
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -73,17 +72,18 @@ def test_a_store_of_several_lines_needs_one(store: Store, tmp_path: Path) -> Non
 
 
 @pytest.mark.slow
-def test_processes_make_the_same_map(store: Store, ride: Ride, tmp_path: Path) -> None:
+def test_processes_make_the_same_map(
+    trackfg: Callable[..., subprocess.CompletedProcess[str]], store: Store, ride: Ride, tmp_path: Path
+) -> None:
     from .joining.test_many_runs import repeated
 
     for number in range(24):
         put(store, f"many{number:02d}", "9", repeated(ride(number % 2).result, number))
-    command = [sys.executable, "-m", "trackfg", "map", "build", store.place, "--line", "9"]
     maps = []
     for jobs in (1, 2):
         place = tmp_path / f"{jobs}.gpkg"
-        options = ["--name", "line", "-o", str(place), "--jobs", str(jobs)]
-        subprocess.run([*command, *options], check=True)
+        options = ("--line", "9", "--name", "line", "-o", place, "--jobs", jobs)
+        assert trackfg("map", "build", store.place, *options).returncode == 0
         maps.append(read_map(place))
     alone, shared = (replace(each, written_at=None) for each in maps)
     assert len(alone.runs) == 24
