@@ -24,6 +24,9 @@ help:
 demo: $(READY)
 	$(BIN)/trackfg demo -o demo
 
+# Two workers take two cores: threads of linear algebra beside them would only wait for each other.
+test test-fast: export OPENBLAS_NUM_THREADS = 1
+
 test: $(READY)
 	$(BIN)/python -m pytest -n 2 --dist loadfile -m "not pages"
 

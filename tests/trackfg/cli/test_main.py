@@ -657,17 +657,18 @@ def limit_file(tmp_path: Path) -> Path:
     return path
 
 
-def test_limits(result: Path, tmp_path: Path, limit_file: Path) -> None:
+def test_limits(run: Run, result: Path, tmp_path: Path, limit_file: Path) -> None:
     """By the entry point, as a user runs it."""
-    command = [*MODULE, "limits", result, "--limits", limit_file, "--line-speed", "100", "-o", tmp_path / "a.csv"]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    command = ["limits", result, "--limits", limit_file, "--line-speed", "100", "-o", tmp_path / "a.csv"]
+    done = subprocess.run([*MODULE, *command], capture_output=True, text=True, check=False)
     assert (done.returncode, done.stderr) == (0, "")
     table = pd.read_csv(tmp_path / "a.csv")
     assert f"Exceedances: {len(table)}" in done.stdout
     assert table["value_mm"].abs().max() == pytest.approx(3.0)
     assert (table["value_mm_sd"] == 0.1).all()
-    as_json = subprocess.run([*command, "--json"], capture_output=True, text=True, check=True)
-    content = json.loads(as_json.stdout)
+    as_json = run(*command, "--json")
+    assert as_json.status == 0
+    content = json.loads(as_json.out)
     assert [row["from_m"] for row in content["exceedances"]] == table["from_m"].tolist()
     assert sum(one["exceedances"]["alert"] for one in content["by_km"]) == len(table)
     assert "level, D1" in content["by_km"][0]["worst"]
