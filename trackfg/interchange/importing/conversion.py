@@ -218,7 +218,7 @@ def _part(sensor: MappedSensor, tables: Sequence[SourceTable], kilometrage: Kilo
             keep &= ~without_fix(table.column(sensor.reading.valid))
         if sensor.reading.dop is not None:
             dop = table.numbers(sensor.reading.dop)
-            keep &= dop > 0.0
+            dop = np.where(dop > 0.0, dop, 1.0)  # 0 or nothing: not known
             columns = {name: _diluted(name, values, dop) for name, values in columns.items()}
         keep &= _is_news(times.since(times.first_ns), np.stack(measured, axis=1))
     if not keep.all():

@@ -117,7 +117,7 @@ def _gnss(proposal: Proposal, tables: Sequence[SourceTable]) -> None:
         stated_height = unit_in(table.units.get(height) or height, "length") if height is not None else None
         if stated_height is not None and factor_of(stated_height, "length") != 1.0:
             section["height_unit"] = stated_height
-        section |= _validity(proposal, table)
+        section |= _validity(proposal, table, latitude)
         if section["sd"] == list(GNSS_SD_M) and (dop := table.name_like(_DOP)) is not None:
             section["dop"] = dop
             proposal.reasons["gnss.sd"] = f"m, east, north, up: assumed, times {dop}"
@@ -125,10 +125,13 @@ def _gnss(proposal: Proposal, tables: Sequence[SourceTable]) -> None:
         return
 
 
-def _validity(proposal: Proposal, table: SourceTable) -> dict[str, Any]:
+def _validity(proposal: Proposal, table: SourceTable, latitude: str) -> dict[str, Any]:
     """Return the key of the column that says where the receiver has no position, if it says so of some rows."""
     name = table.name_like(_VALID)
-    if name is None or not 0 < np.count_nonzero(lost := without_fix(table.column(name))) < len(lost):
+    if name is None:
+        return {}
+    lost = without_fix(table.column(name)[table.column(latitude).notna()])
+    if not 0 < np.count_nonzero(lost) < len(lost):
         return {}
     proposal.reasons["gnss.valid"] = f"{np.count_nonzero(lost)} rows without a position are left out"
     return {"valid": name}
