@@ -3,6 +3,9 @@
 A counter that starts again, or loses its place, makes one impossible step and is sound afterwards. Rows after such a
 step are refused until ``RESET_ROWS`` in succession agree. Later counts are then added to the last value before the
 step: what was rolled during the step is not counted, and the event ``tach-reset`` gives its time.
+
+A count of pulses that goes over the end of its range (2^16, 2^24 or 2^32, as an import knows them) goes on: it is so
+where the step with the range added is one that a wheel can make.
 """
 
 from __future__ import annotations
@@ -16,6 +19,7 @@ from numpy.typing import NDArray
 from trackfg.checks.columns import SMALLEST_SIGMA_M
 from trackfg.checks.limits import CheckLimits
 from trackfg.numerics.arrays import Array
+from trackfg.recording.canonical import pulse_m
 from trackfg.recording.description import RecordingDescription
 from trackfg.results.events import Event
 from trackfg.streaming.events import LossReport
@@ -25,17 +29,22 @@ RESET_ROWS = 10
 COARSEST_STEP_M = 10.0
 """No tach counts in coarser steps, m: so much more than the fastest speed gives may lie between two rows."""
 
+_RANGES = (2.0**16, 2.0**24, 2.0**32)
+"""Ranges of counters, in pulses."""
+
 _SIGMAS = {"fixes": slice(2, 3), "gnss": slice(4, 7)}
 
 
 @dataclass
 class RowChecks:
     """Passes sound rows on and reports the others. ``last``: the last sound row of the tach, time and distance;
-    ``offset_m``: what is added to its distances; ``refused``: rows since an impossible step.
+    ``offset_m``: what is added to its distances; ``refused``: rows since an impossible step. ``pulse_m``: the distance
+    of a pulse, 0 where the tach counts none.
     """
 
     signed: bool
     fastest_mps: float
+    pulse_m: float = 0.0
     last: tuple[float, float] | None = None
     offset_m: float = 0.0
     refused: list[tuple[float, float]] = field(default_factory=list)
@@ -43,7 +52,10 @@ class RowChecks:
     @classmethod
     def of(cls, description: RecordingDescription, limits: CheckLimits) -> RowChecks:
         """Return the checks before the first row."""
-        return cls(description.tach is not None and description.tach.signed, limits.speed_error_mps)
+        tach = description.tach
+        if tach is None:
+            return cls(signed=False, fastest_mps=limits.speed_error_mps)
+        return cls(tach.signed, limits.speed_error_mps, pulse_m(tach) if tach.kind == "pulses" else 0.0)
 
     def sound(self, tables: Mapping[str, Array], report: LossReport) -> dict[str, Array]:
         """Return the rows that can be used. Distances of the tach are free of its resets."""
@@ -67,13 +79,28 @@ class RowChecks:
         for t, counted in rows.tolist():
             if self.last is None or self._follows(self.last, (t, counted + self.offset_m)):
                 self.refused = []
-            elif not self._restarts(t, counted, report):
+            elif not self._goes_over(t, counted) and not self._restarts(t, counted, report):
                 lost.append(t)
                 continue
             self.last = (t, counted + self.offset_m)
             kept.append(self.last)
         report.lose("tach-jump", "tach", np.array(lost))
         return np.array(kept).reshape(-1, 2)
+
+    def _goes_over(self, t: float, counted: float) -> bool:
+        """Return whether the count has gone over the end of its range; its offset is then that of the next range."""
+        if self.last is None or self.pulse_m == 0.0 or self.refused:
+            return False
+        before = self.last[1] - self.offset_m
+        limit = self.fastest_mps * (t - self.last[0]) + self.pulse_m
+        for pulses in _RANGES:
+            reach = pulses * self.pulse_m
+            beyond = float(np.copysign(reach, before - counted))
+            step = counted + beyond - before
+            if max(abs(before), abs(counted)) < reach and abs(step) <= limit and (self.signed or step >= 0.0):
+                self.offset_m += beyond
+                return True
+        return False
 
     def _restarts(self, t: float, counted: float, report: LossReport) -> bool:
         """Return whether this row completes a succession of rows that agree; the restarted count is then used."""

@@ -154,11 +154,18 @@ def test_an_intake_goes_on_from_its_state(canonical: bool, cut: int, draft: Draf
     assert whole.finish()[1] == again.finish()[1]
 
 
-def checked(rows: list[list[float]], *, signed: bool = False, name: str = "tach") -> tuple[Array, list[Event]]:
+DISTANCE = {"kind": "distance", "unit": "m"}
+PULSES = {"kind": "pulses", "pulses_per_rev": 100, "wheel_diameter_m": 1.0 / np.pi}
+"""Pulses of 1 cm."""
+
+
+def checked(
+    rows: list[list[float]], *, signed: bool = False, name: str = "tach", counts: dict[str, Any] = DISTANCE
+) -> tuple[Array, list[Event]]:
     toml = {
         "id": "x",
         "imu": {"file": "-", "gyro": ["a", "b", "c"], "accel": ["d", "e", "f"]},
-        "tach": {"file": "-", "column": "d", "kind": "distance", "unit": "m", "signed": signed},
+        "tach": {"file": "-", "column": "d", "signed": signed, **counts},
     }
     checks, report = RowChecks.of(RecordingDescription.model_validate(toml), CheckLimits()), LossReport()
     out = [checks.sound({name: np.array(rows[i : i + 7])}, report)[name] for i in range(0, len(rows), 7)]
@@ -180,6 +187,26 @@ def test_a_counter_that_starts_again_goes_on_where_it_stood() -> None:
     assert {(event.kind, event.rows) for event in events} == {("tach-jump", 10), ("tach-reset", 0)}
     np.testing.assert_allclose(out[-1], [7.9, 129.0 + 49.0])
     assert (np.diff(out[:, 1]) >= 0).all()
+
+
+@pytest.mark.parametrize("bits", [16, 24])
+@pytest.mark.parametrize("signed", [False, True])
+def test_a_count_goes_on_over_the_end_of_its_range(bits: int, signed: bool) -> None:
+    """A vehicle at 50 m/s; a signed count has its range about 0, and the vehicle comes back."""
+    t = 0.1 * np.arange(400)
+    metres = 50.0 * np.minimum(t, 30.0 - 0.5 * t) if signed else 50.0 * t
+    count = np.round(100.0 * metres).astype(int) + 2 ** (bits - int(signed)) - 20_000
+    seen = (count + 2 ** (bits - 1)) % 2**bits - 2 ** (bits - 1) if signed else count % 2**bits
+
+    out, events = checked(np.column_stack([t, 0.01 * seen]).tolist(), signed=signed, counts=PULSES)
+
+    assert not events
+    np.testing.assert_allclose(out[:, 1] - out[0, 1], 0.01 * (count - count[0]), atol=1e-6)
+
+
+def test_a_count_that_starts_again_within_its_range_has_not_gone_over_it() -> None:
+    rows = [[0.1 * i, 100.0 + i if i < 30 else 1.0 * (i - 30)] for i in range(80)]
+    assert {event.kind for event in checked(rows, counts=PULSES)[1]} == {"tach-jump", "tach-reset"}
 
 
 def test_a_signed_tach_may_roll_back() -> None:
