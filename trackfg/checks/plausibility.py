@@ -277,6 +277,10 @@ def laser_findings(laser: Laser, section: Section, table: pd.DataFrame, limits: 
     return [Finding("error", "laser-unit", message, file=laser.file, column=laser.column, expected=expected, hint=hint)]
 
 
+_HALF_HOUR_S, _ZONES_S = 1800.0, 14.0 * 3600.0
+"""Zones differ by whole half hours, up to so many seconds from UTC."""
+
+
 def _overlaps(
     imu: pd.DataFrame, parts: Mapping[str, Model], tables: Mapping[str, pd.DataFrame], limits: CheckLimits
 ) -> list[Finding]:
@@ -302,6 +306,10 @@ def _overlaps(
         section = f"[[{name.partition('[')[0]}]]" if name.endswith("]") else f"[{name}]"
         message += ": the clocks do not overlap" if is_error else f": {share:.0%} of its rows are within"
         hint = f"set time_offset_s of {section} (first rows together: {begin - t[0]:.9g}), or its time_unit"
+        shift_s = _HALF_HOUR_S * round((begin - t[0]) / _HALF_HOUR_S)
+        if 0.0 < abs(shift_s) <= _ZONES_S and np.mean((t + shift_s >= begin) & (t + shift_s <= end)) > share:
+            offset_s = part.time_offset_s + shift_s
+            hint = f"set time_offset_s = {offset_s:g} in {section}: its times look like those of another time zone"
         level: Level = "error" if is_error else "warning"
         found.append(
             Finding(level, "clocks-apart", message, file=part.file, column=part.time, expected=expected, hint=hint)

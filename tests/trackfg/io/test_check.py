@@ -221,6 +221,9 @@ BROKEN: dict[str, tuple[Spoil, str, list[str]]] = {
     "clocks apart": (
         declare("tach", "time_offset_s", value=5000.0), "clocks-apart",
         ["tach.csv, column 't'", "the clocks do not overlap", "[tach]", "time_offset_s"]),
+    "local time beside UTC": (
+        declare("tach", "time_offset_s", value=-7201.0), "clocks-apart",
+        ["the clocks do not overlap", "set time_offset_s = -1 in [tach]", "another time zone"]),
     "laser in m declared as mm": (
         laser_in_metres, "laser-unit", ["laser.csv, column 'a_lv'", "as declared (mm)", 'unit = "m"']),
     "laser in mm declared as m": (
