@@ -621,6 +621,7 @@ _SENSORS = (
                 '_WALKS["accel_walk"], walk, grade)',
                 '_WALKS["accel_walk"], walk)',
             ),
+            _one("a stretch agrees with what is declared", "_AGREEING * over_all**2", "_AGREEING * 1.0"),
         ),
     ),
     Part(
@@ -633,7 +634,7 @@ _SENSORS = (
                 "self.newest, self.others = inertial[-1]",
                 "self.newest, self.others = inertial[0]",
             ),
-            _one("nothing is forgotten", "/ _REMEMBERED_S) + marginalised", "* 0.0) + marginalised"),
+            _one("nothing is forgotten", "window.t[leaving]) / _REMEMBERED_S)", "window.t[leaving]) * 0.0)"),
             _one("what nothing checks has a level", "if redundancy > LEAST_REDUNDANCY else", "if True else"),
             _one(
                 "GNSS is worse if all else is far from what is declared",
@@ -641,6 +642,7 @@ _SENSORS = (
                 "or declared < 0.0 * max(FAR_OFF",
             ),
             _one("rests tell of what comes alone", "density**2 + factor**2 * part", "density**2 + 0.0 * part"),
+            _one("stretches before say nothing of their like", "self.sums[i], self.all_sums[i])", "self.sums[i])"),
         ),
     ),
     Part(
@@ -772,6 +774,23 @@ _STREAMING = (
             _one("positions get their weight back at once", "np.all(self.given[longest:, 0] > _LITTLE)", "True"),
             _one("positions never get it back", "return little and have_grown", "return False and have_grown"),
         ),
+    ),
+    Part(
+        "trackfg/streaming/intake/row_checks.py",
+        ("tests/trackfg/streaming/intake/test_intake.py",),
+        (
+            _one(
+                "a count over the end of its range turns back",
+                "(reach, before - counted)",
+                "(reach, counted - before)",
+            ),
+            _one("a count out of a range goes over its end", "max(abs(before), abs(counted)) < reach and ", ""),
+        ),
+    ),
+    Part(
+        "trackfg/streaming/doubts.py",
+        ("tests/trackfg/streaming/test_doubts.py",),
+        (_one("a doubt is reported again and again", "self.reported += tuple", "_ = tuple"),),
     ),
     Part(
         "trackfg/streaming/sigma_test.py",

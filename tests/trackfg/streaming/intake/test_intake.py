@@ -204,8 +204,10 @@ def test_a_count_goes_on_over_the_end_of_its_range(bits: int, signed: bool) -> N
     np.testing.assert_allclose(out[:, 1] - out[0, 1], 0.01 * (count - count[0]), atol=1e-6)
 
 
-def test_a_count_that_starts_again_within_its_range_has_not_gone_over_it() -> None:
-    rows = [[0.1 * i, 100.0 + i if i < 30 else 1.0 * (i - 30)] for i in range(80)]
+@pytest.mark.parametrize(("first_m", "back_m"), [(100.0, 130.0), (10_000.0, 655.36)])
+def test_a_count_that_loses_its_place_has_not_gone_over_the_end_of_its_range(first_m: float, back_m: float) -> None:
+    """It starts again within the range, or was beyond the range by which it falls."""
+    rows = [[0.1 * i, first_m + i - (back_m if i >= 30 else 0.0)] for i in range(80)]
     assert {event.kind for event in checked(rows, counts=PULSES)[1]} == {"tach-jump", "tach-reset"}
 
 
