@@ -30,7 +30,7 @@ from trackfg.interchange.importing.recorded_columns import in_recorded_units
 from trackfg.interchange.importing.sample_stamps import repeated_rows, sorted_rows, spread_stamps, tick_s
 from trackfg.interchange.importing.source_table import ROW_NUMBER, SourceTable
 from trackfg.interchange.importing.stations import read_stations
-from trackfg.interchange.importing.times import Times, as_datetime, as_ns, read_times, start_of
+from trackfg.interchange.importing.times import Times, as_datetime, as_ns, read_times, start_of, stated_day
 from trackfg.io.description_reader import FILE_NAME, FORMAT
 from trackfg.io.reader import LoadedRecording, load
 from trackfg.io.writer import write_table
@@ -156,6 +156,10 @@ def converted(tables: Sequence[SourceTable], mapping: Mapping, *, run_id: str) -
     """
     parts = [_part(sensor, tables, mapping.kilometrage) for sensor in mapping.sensors]
     clocks = [part.times for part in parts]
+    zones = [times.zone for times in clocks]
+    day = stated_day(table.remarks for table in tables)
+    if day is not None and zones and all(zone is not None for zone in zones):  # times of day alone
+        clocks.append(Times.noon_of(day, zones[0] or UTC))
     parts = [part._replace(times=part.times.beside(clocks)) for part in parts]
     start_ns = _start(parts, mapping, next((t.start_ns for t in tables if t.start_ns is not None), None))
     description, files = _described(parts, mapping, start_ns, run_id)

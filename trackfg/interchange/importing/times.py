@@ -6,10 +6,11 @@ to rounding. Stamps that repeat, because they are written more coarsely than sam
 
 from __future__ import annotations
 
+import contextlib
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from datetime import UTC, datetime, tzinfo
+from datetime import UTC, date, datetime, time, tzinfo
 from zoneinfo import ZoneInfo, ZoneInfoNotFoundError
 
 import numpy as np
@@ -120,6 +121,11 @@ class Times:
             return cls(None, seconds, zone, notes)
         return cls(start_ns + np.round(seconds * 1e9).astype(np.int64), None, notes=notes)
 
+    @classmethod
+    def noon_of(cls, day: date, zone: tzinfo) -> Times:
+        """Return the one time from which no time of that day is half a day away."""
+        return cls(np.array([as_ns(datetime.combine(day, time(12), tzinfo=zone))]), None)
+
     def beside(self, others: Sequence[Times]) -> Times:
         """Return times of day on the day of ``others``: the first of those with dates, else the first times of day.
 
@@ -140,6 +146,20 @@ class Times:
     def first_ns(self) -> int | None:
         """The first time, ns since 1970; None where they are not on the calendar."""
         return None if self.ns is None else int(self.ns[0])
+
+
+_DAY = re.compile(r"\b(?P<y>20\d\d)-(?P<m>\d\d)-(?P<d>\d\d)\b|\b(?P<D>\d{1,2})\.(?P<M>\d{1,2})\.(?P<Y>20\d\d)\b")
+"""A date as ISO 8601 and as German and other languages write it; one with slashes has its day first or its month."""
+
+
+def stated_day(remarks: Iterable[str]) -> date | None:
+    """Return the one date that remarks above tables state; None without any, or with several."""
+    found = set()
+    for match in (match for text in remarks for match in _DAY.finditer(text)):
+        year, month, day = (int(match[a] or match[b]) for a, b in ("yY", "mM", "dD"))
+        with contextlib.suppress(ValueError):
+            found.add(date(year, month, day))
+    return found.pop() if len(found) == 1 else None
 
 
 def read_times(table: SourceTable, columns: tuple[str, ...], notation: TimeNotation) -> Times:

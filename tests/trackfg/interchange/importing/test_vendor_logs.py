@@ -559,3 +559,24 @@ def test_rows_in_which_a_receiver_has_no_position_are_left_out(
     assert gnss is not None
     np.testing.assert_allclose(gnss["t_s"], drive.gnss_t[known])
     np.testing.assert_allclose(gnss["east_sd_m"], 4.5)
+
+
+@pytest.mark.parametrize(
+    ("title", "start"),
+    [
+        (["Datum;01.05.2026", "Messzug;MT-4"], datetime(2026, 5, 1, 3, 12, tzinfo=UTC)),
+        (["run of 2026-05-01"], datetime(2026, 5, 1, 3, 12, tzinfo=UTC)),
+        (["calibrated 2025-11-03", "run of 2026-05-01"], None),
+    ],
+)
+def test_times_of_day_are_on_the_one_day_that_a_line_above_them_states(
+    title: list[str], start: datetime | None, drive: Drive, tmp_path: Path, imported: Import
+) -> None:
+    table = _table(drive, ["acc_x", "acc_y", "acc_z"], ["gyro_x", "gyro_y", "gyro_z"], {}, 1.0)
+    table.insert(0, "time", pd.to_datetime(drive.ns).strftime("%H:%M:%S.%f"))
+    path = _lines(tmp_path / "run.csv", *title, *table.to_csv(index=False, sep=";").splitlines())
+
+    back = _recording(imported(path))
+
+    assert back.description.start == start
+    np.testing.assert_allclose(back.imu["t_s"] - back.imu["t_s"].iloc[0], drive.t, atol=1e-6)
