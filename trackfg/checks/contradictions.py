@@ -51,9 +51,14 @@ def diagnose(recording: Recording, limits: CheckLimits | None = None) -> tuple[E
 def contradictions(recording: Recording, estimates: Estimates, limits: CheckLimits) -> list[Finding]:
     """Return where the estimates contradict the description."""
     description, force = recording.description, estimates.force
+    mirrored = _mirrored(recording, estimates.positions, force)
+    # Exchanged degrees have chords of another length: what these say of clock and wheel follows from the exchange.
+    distorted = bool(mirrored) and description.gnss is not None and description.gnss.frame == "geodetic"
     return [
         *_axes(estimates.axes, force, limits),
         *_columns(description.imu, force),
+        *mirrored,
+        *_turns(recording, estimates.positions.course),
         *_mounting(force, limits),
         *_clock(description.tach, estimates.clock_offset),
         *_bias(recording, estimates.static_bias),
@@ -62,8 +67,8 @@ def contradictions(recording: Recording, estimates: Estimates, limits: CheckLimi
         *_curves(description.tach, estimates, limits),
         *_silence(description.tach, estimates.silent_spans),
         *_wheel(description.tach, estimates.wheel_scale_fixes, force, limits),
-        *_wheel(description.tach, estimates.wheel_scale_gnss, force, limits),
-        *with_antenna_named(_gnss(recording, estimates.positions, force, limits), description.gnss),
+        *_wheel(description.tach, None if distorted else estimates.wheel_scale_gnss, force, limits),
+        *with_antenna_named([] if distorted else _gnss(recording, estimates.positions, limits), description.gnss),
         *_fixes(recording, estimates.positions, limits),
         *_fix_order(recording),
     ]
@@ -297,29 +302,36 @@ def _wheel(tach: Tach | None, wheel: WheelScale | None, force: ForceFit | None, 
     return [_warning("wheel-scale", message, key, f"1 within {3.0 * tach.scale_sd:.3g}", hint)]
 
 
-def _gnss(recording: Recording, positions: PositionFit, force: ForceFit | None, limits: CheckLimits) -> list[Finding]:
-    gnss, delay, course, found = recording.description.gnss, positions.gnss_delay, positions.course, []
-    if gnss is None:
+def _gnss(recording: Recording, positions: PositionFit, limits: CheckLimits) -> list[Finding]:
+    gnss, delay = recording.description.gnss, positions.gnss_delay
+    if gnss is None or delay is None or not delay.is_sure(limits.delay_s):
         return []
-    if delay is not None and delay.is_sure(limits.delay_s):
-        message = f"positions come {delay.lag_s:+.2f} s (sd {delay.sd_s:.2f} s) after the motion that they show"
-        hint = f"set gnss.time_offset_s = {gnss.time_offset_s - delay.lag_s:.2f}"
-        found.append(_warning("gnss-delay", message, "gnss.time_offset_s", "0", hint))
+    message = f"positions come {delay.lag_s:+.2f} s (sd {delay.sd_s:.2f} s) after the motion that they show"
+    hint = f"set gnss.time_offset_s = {gnss.time_offset_s - delay.lag_s:.2f}"
+    return [_warning("gnss-delay", message, "gnss.time_offset_s", "0", hint)]
+
+
+def _mirrored(recording: Recording, positions: PositionFit, force: ForceFit | None) -> list[Finding]:
+    """A path of positions that turns against the gyro, whose columns are right: two axes of it are exchanged."""
+    gnss, course = recording.description.gnss, positions.course
     gyro_is_wrong = force is not None and force.columns_are_wrong
-    if course is not None and course.correlation < -_SURE_CORRELATION and course.high < 0.0 and not gyro_is_wrong:
-        message = f"the path of the positions turns left where the gyro turns right (slope {course.value:.2f})"
-        first, second, height = gnss.position
-        hint = f'set gnss.position = ["{second}", "{first}", "{height}"], or negate the gyro'
-        found.append(_warning("gnss-mirrored", message, "gnss.position", "1", hint))
-    if recording.tach is None and course is not None:
-        found += _turns(recording.description.imu, course)
-    return found
+    if gnss is None or course is None or gyro_is_wrong:
+        return []
+    if not (course.correlation < -_SURE_CORRELATION and course.high < 0.0):
+        return []
+    message = f"the path of the positions turns left where the gyro turns right (slope {course.value:.2f})"
+    first, second, height = gnss.position
+    hint = f'set gnss.position = ["{second}", "{first}", "{height}"], or negate the gyro'
+    return [_warning("gnss-mirrored", message, "gnss.position", "1", hint)]
 
 
-def _turns(imu: Imu, course: Slope) -> list[Finding]:
+def _turns(recording: Recording, course: Slope | None) -> list[Finding]:
     """Return where the gyro's scale is not that of the positions; with a wheel lateral force shows it."""
+    if recording.tach is not None or course is None:
+        return []
     if abs(course.correlation) < _SURE_CORRELATION or not course.excludes(0.5, 2.0):
         return []
+    imu = recording.description.imu
     message = f"the path of the positions turns {abs(course.value):.3g} times as far as the gyro shows"
     hint = "check the unit and the scale of the gyro"
     for unit, other, ratio in (("rad/s", "deg/s", np.radians(1.0)), ("deg/s", "rad/s", np.degrees(1.0))):

@@ -25,6 +25,8 @@ from trackfg.recording.strict_model import Model
 from trackfg.sensors.averages import Motion, averaged
 
 _STEP_S = 0.5
+_SAME_LATITUDE_DEG = 0.5
+"""A line is so near to the latitude that is declared for it, deg: 55 km."""
 
 
 def findings(
@@ -113,9 +115,11 @@ def _track(track: Track, toml: str, gnss_origin: Array | None) -> list[Finding]:
         message = f"is not stated; {track.cross_level_base_m:g} m is assumed, beside a gauge of {track.gauge_m:g} m"
         found.append(Finding("info", "assumed", message, file=toml, column="track.cross_level_base_m", hint=_BASE_HINT))
     latitude = track.latitude_deg
-    if latitude is not None and gnss_origin is not None and abs(latitude - gnss_origin[0]) > 0.5:
+    if latitude is not None and gnss_origin is not None and abs(latitude - gnss_origin[0]) > _SAME_LATITUDE_DEG:
         message = f"is {latitude:g} deg, but the GNSS positions are at {gnss_origin[0]:.3f} deg"
         hint = f"write {gnss_origin[0]:.3f}"
+        if abs(latitude - gnss_origin[1]) <= _SAME_LATITUDE_DEG:
+            hint = "it is that of their longitudes: exchange latitude and longitude in gnss.position"
         found.append(Finding("warning", "latitude", message, file=toml, column="track.latitude_deg", hint=hint))
     return found
 

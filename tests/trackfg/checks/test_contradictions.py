@@ -185,6 +185,20 @@ def test_a_wheel_that_neither_fixes_nor_gnss_test_is_tested_by_curves(sound: Rec
     assert "must be multiplied by 1.07" in str(finding.hint)
 
 
+def test_exchanged_degrees_are_named_before_and_without_what_follows_from_them(sound: Recording) -> None:
+    gnss, description = sound.gnss, sound.description
+    assert gnss is not None
+    assert description.gnss is not None
+    late = replace(sound, gnss=gnss.assign(t_s=gnss["t_s"] + 3.0))
+    _, findings = diagnose(exchanged("gnss", "east_m", "north_m")(late))
+    assert [finding.code for finding in findings if finding.level != "info"] == ["gnss-mirrored", "gnss-delay"]
+
+    degrees = description.model_copy(update={"gnss": description.gnss.model_copy(update={"frame": "geodetic"})})
+    at_47_and_8 = gnss.assign(east_m=0.99 * gnss["north_m"], north_m=gnss["east_m"] / 0.68)
+    _, findings = diagnose(replace(sound, gnss=at_47_and_8, description=degrees))
+    assert [finding.code for finding in findings if finding.level != "info"] == ["gnss-mirrored"]
+
+
 def test_a_few_garbled_samples_are_no_reason_to_exchange_columns(sound: Recording) -> None:
     imu = sound.imu.copy()
     imu.loc[[9000, 9001, 15000, 15001], "wx_radps"] = 9999.0

@@ -503,6 +503,12 @@ def test_fixes_against_the_direction_are_a_warning(draft: Draft, tmp_path: Path)
     assert "set track.direction = 1 if chainage grows where the vehicle moves forwards" in found["direction"]
 
 
+def test_a_latitude_that_is_the_longitude_of_the_positions_is_named(draft: Draft, tmp_path: Path) -> None:
+    draft.toml["track"]["latitude_deg"] = 139.0 - 90.0
+    draft["gnss"]["lon_deg"] -= 90.0
+    assert "exchange latitude and longitude" in doubts(draft, tmp_path / "rec")["latitude"]
+
+
 def test_a_latitude_elsewhere_and_a_partial_overlap_are_warnings(draft: Draft, tmp_path: Path) -> None:
     draft.toml["track"]["latitude_deg"] = 47.0
     draft.toml["laser"][0]["time_offset_s"] = 100.0
