@@ -58,8 +58,12 @@ class Checkpoint:
     finished: bool = False
 
     def refuse_others(self, settings: Mapping[str, str]) -> None:
-        """Raise :class:`BadInputError` unless these are its own settings."""
-        names = sorted({*self.settings, *settings})
+        """Raise :class:`BadInputError` unless these are its own settings.
+
+        A source that knows no first rows yet, as one of lines that goes on with those that come now, is not compared.
+        """
+        unknown = set[str]() if self.settings.get("recording") and settings.get("recording") else {"recording"}
+        names = sorted({*self.settings, *settings} - unknown)
         changed = [name for name in names if self.settings.get(name) != settings.get(name)]
         if "source" in changed and "recording" in changed:
             changed.remove("recording")  # each kind of source tells its own in another way

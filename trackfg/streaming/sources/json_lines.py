@@ -6,16 +6,18 @@ docs/streaming-formats.md.
 
 from __future__ import annotations
 
+import hashlib
 import io
 import os
 import stat
 from collections.abc import Iterator
+from contextlib import suppress
 from typing import IO, Any
 
 from trackfg.errors import BadInputError
 from trackfg.recording.description import RecordingDescription
 from trackfg.streaming.sources.row_parser import LONGEST_BYTES, RowError, RowParser, json_object, stream_description
-from trackfg.streaming.sources.source import BATCH_S, Batch
+from trackfg.streaming.sources.source import BATCH_S, COMPARED_ROWS, Batch
 
 
 class JsonLinesSource:
@@ -28,7 +30,6 @@ class JsonLinesSource:
     canonical = False
     gnss_origin = None
     length = None
-    first_rows = ""
 
     def __init__(
         self,
@@ -39,13 +40,21 @@ class JsonLinesSource:
         position: int = 0,
     ) -> None:
         self._stream: Any = stream.buffer if isinstance(stream, io.TextIOWrapper) else stream
-        self._batch_s, self._position, self._read = batch_s, position, 0
+        self._position, self._read = position, 0
         self.live = not _is_file(self._stream)
         self.description = self._first_line() if description is None else description
+        self._parser, self._compared = RowParser(self.description, "line", batch_s), ""
+        while self._read < min(position, COMPARED_ROWS) and self._next():
+            pass
+
+    @property
+    def first_rows(self) -> str:
+        """A digest of the numbers in the first lines, as far as these are read; of those passed over at once."""
+        return hashlib.sha256(self._compared.encode()).hexdigest() if self._compared else ""
 
     def __iter__(self) -> Iterator[Batch]:
-        parser = RowParser(self.description, "line", self._batch_s)
-        while line := self._line():
+        parser = self._parser
+        while line := self._next():
             if self._read <= self._position or line.isspace():
                 continue
             try:
@@ -55,6 +64,15 @@ class JsonLinesSource:
             if parser.full:
                 yield parser.batch(self._read)
         yield parser.batch(max(self._read, self._position))
+
+    def _next(self) -> bytes:
+        """Return the next line after the description, as :meth:`_line` does, of which the first ones are compared."""
+        line = self._line()
+        if self._read <= COMPARED_ROWS and line and not line.isspace():
+            with suppress(RowError):
+                table, values = self._row(line)
+                self._compared += f"{table} {self._parser.numbers(table, values)}\n"
+        return line
 
     def _first_line(self) -> RecordingDescription:
         line = self._line()

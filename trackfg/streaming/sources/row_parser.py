@@ -57,7 +57,7 @@ class RowParser:
 
     def take(self, table: str, values: dict[str, Any]) -> None:
         """Take one row in. Raises :class:`RowError` where it is none."""
-        row = self._numbers(table, values)
+        row = self.numbers(table, values)
         self._count += 1
         self._rows.setdefault(table, []).append(row)
         if table == "imu" and math.isfinite(row[0]):
@@ -86,7 +86,8 @@ class RowParser:
         self._rows, self._faults, self._count, self._start_s, self._full = {}, {}, 0, None, False
         return Batch(tables, events, position)
 
-    def _numbers(self, table: str, values: dict[str, Any]) -> list[float]:
+    def numbers(self, table: str, values: dict[str, Any]) -> list[float]:
+        """Return the numbers of a row in the order of its columns. Raises :class:`RowError` where it is none."""
         columns = self._columns.get(table)
         if columns is None:
             names = ", ".join(self._columns)

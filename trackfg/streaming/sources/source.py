@@ -21,8 +21,8 @@ from trackfg.streaming.rows import recording_rows
 
 BATCH_S = 0.1
 """Length of a batch of rows that are waited for, s."""
-_COMPARED_ROWS = 100
-"""First rows of each table that identify a recording: no two have the same noise."""
+COMPARED_ROWS = 100
+"""First rows of each table, or first lines, that identify a recording: no two have the same noise."""
 STORED_BATCH_S = 1.0
 """Length of a batch of rows that are stored, s: fewer batches cost less."""
 
@@ -97,7 +97,7 @@ class RecordingSource:
         self._speed, self._position = speed, position
         self._clock, self._sleep = clock, sleep
         self.live = speed is not None
-        first = b"".join(name.encode() + rows[:_COMPARED_ROWS].tobytes() for name, rows in self._tables.items())
+        first = b"".join(name.encode() + rows[:COMPARED_ROWS].tobytes() for name, rows in self._tables.items())
         self.first_rows = hashlib.sha256(first).hexdigest()
         times = np.concatenate([rows[:, 0] for rows in self._tables.values()])
         self.length = round(1e3 * float(np.ptp(times)))

@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 
 from trackfg.errors import BadInputError
 from trackfg.recording.description import RecordingDescription
+from trackfg.streaming.checkpoint.checkpoint import Checkpoint
 from trackfg.streaming.intake.intake import Intake
 from trackfg.streaming.sources.json_lines import JsonLinesSource
 from trackfg.streaming.sources.source import Batch
@@ -42,6 +43,22 @@ def lines(*rows: object) -> bytes:
 
 def read(content: bytes, **options: Any) -> list[Batch]:
     return list(JsonLinesSource(io.BytesIO(content), **options))
+
+
+@pytest.mark.parametrize("taken", [1, 3, 30])
+def test_lines_of_another_recording_do_not_go_on(taken: int) -> None:
+    def feed(wz: float, **others: object) -> io.BytesIO:
+        rows = [{**imu(i), "wz": wz if i == 2 else 0.01, **others} for i in range(500)]
+        return io.BytesIO(lines({"description": DESCRIPTION}, "noise", *rows))
+
+    source = JsonLinesSource(feed(0.01))
+    assert source.first_rows == ""
+    position = [batch.position for _, batch in zip(range(taken), source, strict=False)][-1]
+    saved = Checkpoint({"recording": source.first_rows}, {}, position)
+    for stream, start in ((feed(0.01, sent_s=5), position), (feed(0.02), 0)):  # of a feed that goes on with what comes
+        saved.refuse_others({"recording": JsonLinesSource(stream, position=start).first_rows})
+    with pytest.raises(BadInputError, match="made with another recording"):
+        saved.refuse_others({"recording": JsonLinesSource(feed(0.02), position=position).first_rows})
 
 
 def test_rows_come_in_batches_of_the_imus_time() -> None:
