@@ -199,7 +199,9 @@ def smooth(
         widened(smoothed.trajectory, smoothed.verdicts),
         widened(smoothed.geometry, smoothed.verdicts),
         widened(events, smoothed.verdicts),
-        _summary(replace(recording, findings=findings), config, smoothed, correction),
+        _summary(
+            replace(recording, findings=findings), config, smoothed, correction, anchored=_is_placed(anchored, None)
+        ),
         widened_places(smoothed.places, smoothed.verdicts),
         *(() if balises is None else (balises.table, passages)),
     )
@@ -372,14 +374,14 @@ def _solver_findings(solution: Solution) -> tuple[Finding, ...]:
     return (Finding("warning", "not-converged", f"the solution is not a minimum: {solution.reason}", hint=hint),)
 
 
-def _run_facts(recording: Recording, at: Located | None) -> RunFacts:
-    description, fixes, origin = recording.description, recording.fixes, recording.gnss_origin
+def _run_facts(recording: Recording, at: Located | None, *, anchored: bool) -> RunFacts:
+    description, origin = recording.description, recording.gnss_origin
     return RunFacts(
         start=None if description.start is None else description.start.isoformat(),
         content_sha256=recording.content_sha256(),
         files_sha256=recording.files_sha256,
         direction=description.track.direction,
-        anchored=fixes is not None and len(fixes) > 0,
+        anchored=anchored,
         imu_id=description.imu.id,
         mount_roll_sd_rad=float(np.radians(description.imu.mount_roll_sd_deg)),
         origin=None if origin is None else (float(origin[0]), float(origin[1]), float(origin[2])),
@@ -418,7 +420,12 @@ def _further_scales(recording: Recording, solution: Solution, covariance: Covari
 
 
 def _summary(
-    recording: Recording, settings: SmoothConfig, smoothed: SmoothedStates, correction: TachCorrection
+    recording: Recording,
+    settings: SmoothConfig,
+    smoothed: SmoothedStates,
+    correction: TachCorrection,
+    *,
+    anchored: bool,
 ) -> Summary:
     problem, solution, covariance = smoothed.problem, smoothed.solution, smoothed.covariance
     last = smoothed.calibration.iloc[-1]
@@ -436,7 +443,7 @@ def _summary(
 
     return Summary(
         recording_id=recording.description.id,
-        run=_run_facts(recording, smoothed.located),
+        run=_run_facts(recording, smoothed.located, anchored=anchored),
         map=None if smoothed.located is None else smoothed.located.use,
         line=None if smoothed.on_line is None else smoothed.on_line.use,
         settings=settings.model_dump(mode="json"),

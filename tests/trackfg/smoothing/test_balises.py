@@ -78,6 +78,14 @@ def test_the_survey_of_one_run_is_the_graph_with_its_landmarks() -> None:
     np.testing.assert_allclose(unknown["place_m_sd"], np.hypot(sd, READING_SD), rtol=0.02)
 
 
+def test_balises_with_known_places_anchor_a_run() -> None:
+    recording, _ = _recording(duration_s=60.0)
+    assert recording.balises is not None
+    assert smooth(recording).summary.run.anchored
+    unknown = recording.balises.assign(chainage_m=np.nan, chainage_sd_m=np.nan)
+    assert not smooth(replace(recording, balises=unknown)).summary.run.anchored
+
+
 def test_without_balises_a_result_has_no_table_of_them(tmp_path: Path) -> None:
     result = smooth(simulate("mainline", seed=1, duration_s=20.0).recording)
     assert not set(OPTIONAL_FILES) & {path.name for path in result.write(tmp_path / "out").iterdir()}
