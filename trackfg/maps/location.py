@@ -108,6 +108,8 @@ class Location:
             return TrackfgError(f"{self.shown}: another process has kept it locked for {_LOCK_WAIT_S:g} s")
         if getattr(error.orig, "sqlite_errorcode", None) == sqlite3.SQLITE_FULL:
             return OutputError(f"{self.shown}: cannot be written ({reason})")
+        if reason.startswith("no such column"):
+            return BadInputError(f"{self.shown}: {reason}; expected the columns of a feature map, by their names")
         return BadInputError(f"{self.shown}: {reason}")
 
 

@@ -68,10 +68,16 @@ def _quoted(connection: sa.Connection, table: sa.Table, names: list[str]) -> str
 
 
 def read_frame(connection: sa.Connection, table: sa.Table, version: int) -> pd.DataFrame:
-    """Return the rows of one version in their order, without ``fid, version``; NULL numbers become NaN."""
+    """Return the rows of one version in their order, without ``fid, version``; NULL numbers become NaN.
+
+    Raises ``ValueError`` where one before the last is missing: rows are numbered without a gap.
+    """
     wanted = list(table.columns)[2:]
     first = version * ROWS_PER_VERSION
     chosen = (table.c.fid >= first) & (table.c.fid < first + ROWS_PER_VERSION)
+    count, last = connection.execute(sa.select(sa.func.count(), sa.func.max(table.c.fid)).where(chosen)).one()
+    if count and count != last - first + 1:
+        raise ValueError(f"{table.name}: rows are missing ({last - first + 1 - count}); expected all that were written")
     result = connection.execute(sa.select(*wanted).where(chosen).order_by(table.c.fid))
     parts = list(_parts(result, [column.name for column in wanted]))
     return pd.concat(parts, ignore_index=True) if len(parts) > 1 else parts[0]

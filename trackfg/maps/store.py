@@ -89,7 +89,10 @@ def read_map(location: str | os.PathLike[str], version: int | None = None) -> Fe
         try:
             return _read(connection, place, row)
         except _DAMAGE as error:
-            raise BadInputError(f"{place.shown}: version {wanted} is damaged: {printable(str(error))}") from error
+            hint = "Hint: read an older version, or build the map again; its tables are not to be edited"
+            raise BadInputError(
+                f"{place.shown}: version {wanted} is damaged: {printable(str(error))}. {hint}"
+            ) from error
 
 
 def newest_version(location: str | os.PathLike[str]) -> int | None:
@@ -361,13 +364,18 @@ def _read(connection: sa.Connection, place: Location, row: sa.Row[tuple[object, 
     information = {run: _information(*matrices[address]) for run, address in addresses.items()}
     address = head[POOLED]
     pooled = None if address is None else _information(*get_matrices(connection, schema, [address])[address])
+    grid = read_frame(connection, schema.grid, version)
+    if runs.empty and not grid.empty:
+        raise ValueError(
+            f"{schema.runs.name}: all rows are missing; expected the runs that passed the cells of the grid"
+        )
     origin = tuple(head[name] for name in ORIGIN_COLUMNS)
     return FeatureMap(
         name=row.name,
         conventions=MapConventions(**{name: head[name] for name in CONVENTION_COLUMNS}),
         landmarks=landmarks,
         covariance=covariance,
-        grid=read_frame(connection, schema.grid, version),
+        grid=grid,
         line=read_frame(connection, schema.line, version),
         runs=runs,
         information=information,
