@@ -283,6 +283,8 @@ def laser_findings(laser: Laser, section: Section, table: pd.DataFrame, limits: 
 
 _HALF_HOUR_S, _ZONES_S = 1800.0, 14.0 * 3600.0
 """Zones differ by whole half hours, up to so many seconds from UTC."""
+_SAME_ENDS_S = 60.0
+"""Sensors that record the same run begin and end no further apart, s."""
 
 
 def _overlaps(
@@ -301,8 +303,9 @@ def _overlaps(
         message = f"far from the IMU's time, {begin:.9g} to {end:.9g} s: left out"
         hint = "remove the rows, or write their times on the recording's clock"
         place = ColumnPlace(part.file, part.time, t)
-        found += place.at_first(~near, "clocks-apart", message, expected, hint, "warning")
-        if share >= limits.overlap_warning:
+        found += place.at_first(~near & near.any(), "clocks-apart", message, expected, hint, "warning")
+        zone_s = _zone_apart_s((begin, end), t, share)
+        if share >= limits.overlap_warning and zone_s == 0.0:
             found += _rolls_on(imu, table, near, place) if name.startswith("tach") else []
             continue
         message = f"the table covers {t[0]:.9g} to {t[-1]:.9g} s, the IMU {begin:.9g} to {end:.9g} s"
@@ -310,15 +313,29 @@ def _overlaps(
         section = f"[[{name.partition('[')[0]}]]" if name.endswith("]") else f"[{name}]"
         message += ": the clocks do not overlap" if is_error else f": {share:.0%} of its rows are within"
         hint = f"set time_offset_s of {section} (first rows together: {begin - t[0]:.9g}), or its time_unit"
-        shift_s = _HALF_HOUR_S * round((begin - t[0]) / _HALF_HOUR_S)
-        if 0.0 < abs(shift_s) <= _ZONES_S and np.mean((t + shift_s >= begin) & (t + shift_s <= end)) > share:
-            offset_s = part.time_offset_s + shift_s
+        if zone_s != 0.0:
+            offset_s = part.time_offset_s + zone_s
             hint = f"set time_offset_s = {offset_s:g} in {section}: its times look like those of another time zone"
         level: Level = "error" if is_error else "warning"
         found.append(
             Finding(level, "clocks-apart", message, file=part.file, column=part.time, expected=expected, hint=hint)
         )
     return found
+
+
+def _zone_apart_s(record: tuple[float, float], t: Array, share: float) -> float:
+    """Return by how much times (n,), s, of another time zone are to be shifted; 0 where they are of the same.
+
+    They fit a ``record``, between two times, s, better then than with the ``share`` of them that is within it as they
+    are. In a run of hours most are within it all the same: then both ends have to fit.
+    """
+    begin, end = record
+    shift = _HALF_HOUR_S * round((begin - t[0]) / _HALF_HOUR_S)
+    if not 0.0 < abs(shift) <= _ZONES_S:
+        return 0.0
+    fits = float(np.mean((t + shift >= begin) & (t + shift <= end)))
+    same_ends = max(abs(t[0] + shift - begin), abs(t[-1] + shift - end)) < _SAME_ENDS_S
+    return shift if fits > share and (same_ends or share == 0.0) else 0.0
 
 
 def _rolls_on(imu: pd.DataFrame, tach: pd.DataFrame, near: np.ndarray, place: ColumnPlace) -> list[Finding]:
