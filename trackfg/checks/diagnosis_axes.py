@@ -43,8 +43,8 @@ class Comparison(NamedTuple):
 
 BY_TACH = Comparison(_SHORT_S, _LONG_S, max_lag_s=20.0, least_s=10.0)
 BY_POSITIONS = Comparison(2.0, 12.0, max_lag_s=3.0, least_s=120.0)
-"""Chords of positions last 4 s, a receiver is late by up to 2 s; in ten times the band's length other axes are alike
-by less than 0.3 by chance."""
+"""Chords of positions last 4 s, and a receiver is late by up to 2 s. In five records of 600 s and more, one of them a
+car's, other axes than the forward one correlate by less than 0.3."""
 
 AXES = tuple(
     "".join(letters)

@@ -22,7 +22,7 @@ from trackfg.interchange.importing.times import TimeNotation, read_times, unwrap
 _WHEEL = re.compile(r"wheel|rad(?!ar|ius)|axle|achse|tach|odo")
 """Names of speeds that no GNSS receiver gives."""
 _PHONES = re.compile(r"pedomet|proximity")
-"""Names of distances that a phone measures beside: those that its owner walks, and that to his ear."""
+"""Names of distances that other sensors of a phone give: that of its steps, and that to what is before its screen."""
 _TURNS = 0.3
 """Share of the steps of each row's own count that are of another sign than the step before."""
 _FALLS = 0.01
