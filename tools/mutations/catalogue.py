@@ -784,7 +784,7 @@ _STREAMING = (
                 "(reach, before - counted)",
                 "(reach, counted - before)",
             ),
-            _one("a count out of a range goes over its end", "max(abs(before), abs(counted)) < reach and ", ""),
+            _one("a count out of a range goes over its end", "max(abs(before), abs(counted)) < reach and", "True and"),
         ),
     ),
     Part(

@@ -364,18 +364,13 @@ def _read(connection: sa.Connection, place: Location, row: sa.Row[tuple[object, 
     information = {run: _information(*matrices[address]) for run, address in addresses.items()}
     address = head[POOLED]
     pooled = None if address is None else _information(*get_matrices(connection, schema, [address])[address])
-    grid = read_frame(connection, schema.grid, version)
-    if runs.empty and not grid.empty:
-        raise ValueError(
-            f"{schema.runs.name}: all rows are missing; expected the runs that passed the cells of the grid"
-        )
     origin = tuple(head[name] for name in ORIGIN_COLUMNS)
     return FeatureMap(
         name=row.name,
         conventions=MapConventions(**{name: head[name] for name in CONVENTION_COLUMNS}),
         landmarks=landmarks,
         covariance=covariance,
-        grid=grid,
+        grid=read_frame(connection, schema.grid, version),
         line=read_frame(connection, schema.line, version),
         runs=runs,
         information=information,

@@ -5,7 +5,8 @@ step are refused until ``RESET_ROWS`` in succession agree. Later counts are then
 step: what was rolled during the step is not counted, and the event ``tach-reset`` gives its time.
 
 A count of pulses that goes over the end of its range (2^16, 2^24 or 2^32, as an import knows them) goes on: it is so
-where the step with the range added is one that a wheel can make.
+where the step with the range added is one that a wheel can make, and that is a small part of the range. Of a step over
+an outage this cannot be decided.
 """
 
 from __future__ import annotations
@@ -31,6 +32,9 @@ COARSEST_STEP_M = 10.0
 
 _RANGES = (2.0**16, 2.0**24, 2.0**32)
 """Ranges of counters, in pulses."""
+_PART = 0.1
+"""The most that a wheel may have rolled in a step of a count that goes over its end, in ranges: one in ten counts that
+start again at any place is mistaken for it at the most."""
 
 _SIGMAS = {"fixes": slice(2, 3), "gnss": slice(4, 7)}
 
@@ -97,7 +101,8 @@ class RowChecks:
             reach = pulses * self.pulse_m
             beyond = float(np.copysign(reach, before - counted))
             step = counted + beyond - before
-            if max(abs(before), abs(counted)) < reach and abs(step) <= limit and (self.signed or step >= 0.0):
+            is_within = max(abs(before), abs(counted)) < reach and limit < _PART * reach
+            if is_within and abs(step) <= limit and (self.signed or step >= 0.0):
                 self.offset_m += beyond
                 return True
         return False
