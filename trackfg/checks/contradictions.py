@@ -55,7 +55,7 @@ def contradictions(recording: Recording, estimates: Estimates, limits: CheckLimi
     # Exchanged degrees have chords of another length: what these say of clock and wheel follows from the exchange.
     distorted = bool(mirrored) and description.gnss is not None and description.gnss.frame == "geodetic"
     return [
-        *_axes(estimates.axes, force, limits),
+        *_axes(estimates.axes, force),
         *_columns(description.imu, force),
         *mirrored,
         *_turns(recording, estimates.positions.course),
@@ -79,14 +79,14 @@ def _warning(code: str, message: str, column: str, expected: str | None = None, 
     return Finding("warning", code, message, file=_TOML, column=column, expected=expected, hint=hint)
 
 
-def _axes(axes: AxesEstimate, force: ForceFit | None, limits: CheckLimits) -> list[Finding]:
+def _axes(axes: AxesEstimate, force: ForceFit | None) -> list[Finding]:
     if axes.forward_correlation is None or axes.best_forward_correlation is None:
         return []
-    if axes.forward_by == "tach" and (force is None or not force.axes_are_wrong):
-        return []
-    if axes.forward_by == "positions" and (
-        axes.best_forward == "+x" or axes.best_forward_correlation < limits.axis_correlation
-    ):
+    if axes.forward_by == "tach":
+        is_wrong = force is not None and force.axes_are_wrong
+    else:
+        is_wrong = axes.shown_by == "motion" and axes.best_forward != "+x"
+    if not is_wrong:
         return []
     message = (
         f"with {axes.declared!r} the axis that follows the acceleration of the {axes.forward_by} is "
@@ -333,10 +333,10 @@ def _turns(recording: Recording, course: Slope | None) -> list[Finding]:
         return []
     imu = recording.description.imu
     message = f"the path of the positions turns {abs(course.value):.3g} times as far as the gyro shows"
+    other, ratio = ("deg/s", np.radians(1.0)) if imu.gyro_unit == "rad/s" else ("rad/s", np.degrees(1.0))
     hint = "check the unit and the scale of the gyro"
-    for unit, other, ratio in (("rad/s", "deg/s", np.radians(1.0)), ("deg/s", "rad/s", np.degrees(1.0))):
-        if imu.gyro_unit == unit and abs(np.log(abs(course.value) / ratio)) < _UNIT_TOLERANCE:
-            hint = f'the data look like {other}: set imu.gyro_unit = "{other}"'
+    if abs(np.log(abs(course.value) / ratio)) < _UNIT_TOLERANCE:
+        hint = f'the data look like {other}: set imu.gyro_unit = "{other}"'
     return [_warning("gyro-scale", message, "imu.gyro_unit", "about 1", hint)]
 
 

@@ -156,10 +156,10 @@ def converted(tables: Sequence[SourceTable], mapping: Mapping, *, run_id: str) -
     """
     parts = [_part(sensor, tables, mapping.kilometrage) for sensor in mapping.sensors]
     clocks = [part.times for part in parts]
-    zones = [times.zone for times in clocks]
+    zones = [times.zone for times in clocks if times.zone is not None]
     day = stated_day(table.remarks for table in tables)
-    if day is not None and zones and all(zone is not None for zone in zones):  # times of day alone
-        clocks.append(Times.noon_of(day, zones[0] or UTC))
+    if day is not None and zones and len(zones) == len(clocks):  # times of day alone
+        clocks.append(Times.noon_of(day, zones[0]))
     parts = [part._replace(times=part.times.beside(clocks)) for part in parts]
     start_ns = _start(parts, mapping, next((t.start_ns for t in tables if t.start_ns is not None), None))
     description, files = _described(parts, mapping, start_ns, run_id)

@@ -60,7 +60,7 @@ class Checkpoint:
     def refuse_others(self, settings: Mapping[str, str]) -> None:
         """Raise :class:`BadInputError` unless these are its own settings.
 
-        A source that knows no first rows yet, as one of lines that goes on with those that come now, is not compared.
+        A source whose first rows are not known is not compared: a live feed of lines may send only its next rows.
         """
         unknown = set[str]() if self.settings.get("recording") and settings.get("recording") else {"recording"}
         names = sorted({*self.settings, *settings} - unknown)

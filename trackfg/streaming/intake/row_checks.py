@@ -4,9 +4,9 @@ A counter that starts again, or loses its place, makes one impossible step and i
 step are refused until ``RESET_ROWS`` in succession agree. Later counts are then added to the last value before the
 step: what was rolled during the step is not counted, and the event ``tach-reset`` gives its time.
 
-A count of pulses that goes over the end of its range (2^16, 2^24 or 2^32, as an import knows them) goes on: it is so
-where the step with the range added is one that a wheel can make, and that is a small part of the range. Of a step over
-an outage this cannot be decided.
+A counter of 16, 24 or 32 bits begins again at the end of its range, and the import continues the count there. Here the
+count is continued where the step, with the range added, is one that a wheel can make and a small part of the range.
+After an outage the two causes cannot be told apart, and the count is not continued.
 """
 
 from __future__ import annotations

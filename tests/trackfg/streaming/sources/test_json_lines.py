@@ -55,7 +55,8 @@ def test_lines_of_another_recording_do_not_go_on(taken: int) -> None:
     assert source.first_rows == ""
     position = [batch.position for _, batch in zip(range(taken), source, strict=False)][-1]
     saved = Checkpoint({"recording": source.first_rows}, {}, position)
-    for stream, start in ((feed(0.01, sent_s=5), position), (feed(0.02), 0)):  # of a feed that goes on with what comes
+    sends_its_next_rows = (feed(0.02), 0)
+    for stream, start in ((feed(0.01, sent_s=5), position), sends_its_next_rows):
         saved.refuse_others({"recording": JsonLinesSource(stream, position=start).first_rows})
     with pytest.raises(BadInputError, match="made with another recording"):
         saved.refuse_others({"recording": JsonLinesSource(feed(0.02), position=position).first_rows})

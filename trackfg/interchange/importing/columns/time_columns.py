@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from trackfg.checks.limits import CheckLimits
 from trackfg.interchange.importing.columns.calendar_columns import COMPOSED
 from trackfg.interchange.importing.columns.column_names import meaning, parts_of
 from trackfg.interchange.importing.columns.written_units import factor_of
@@ -21,8 +22,6 @@ _COUNTER = re.compile(r"^(sample|packet|frame|msg|message|seq(uence)?|row|index|
 _TICKS_S = {"sampletimefine": (1e-4, 1e-6)}
 """Counters whose tick is known, s: Xsens counts 100 us (MT Low-Level Communication Protocol, XDI_SampleTimeFine), or
 1 us in a DOT."""
-_SLOWEST_S = 0.25
-"""Samples of an inertial sensor are less far apart, s."""
 _RATE = re.compile(
     r"(?:(?:sampl\w*|update|output|data|abtast\w*|mess\w*|log\w*)[\s_-]*(?:rate|freq\w*|frequenz)?|fs|freq\w*)"
     r"[^\d\n]{0,12}?(\d+(?:[.,]\d+)?)\s*(k?)(?:hz|sps|s/s|samples)",
@@ -119,8 +118,8 @@ def time_unit(
     if len(columns) == 2 or pd.api.types.is_string_dtype(table.frame[name]):
         return {}
     if (ticks := _TICKS_S.get(name.casefold())) is not None:
-        step = float(np.median(np.diff(table.numbers(name))))
-        return {"time_unit": "ticks", "tick_s": next((tick for tick in ticks if step * tick < _SLOWEST_S), ticks[-1])}
+        step, (_, slowest_s) = float(np.median(np.diff(table.numbers(name)))), CheckLimits().imu_interval_s
+        return {"time_unit": "ticks", "tick_s": next((tick for tick in ticks if step * tick <= slowest_s), ticks[-1])}
     stated = table.units.get(name) or parts_of(name).unit
     factor = factor_of(stated, "time")
     if factor in _TIME_UNITS:

@@ -151,8 +151,8 @@ class _Nmea:
             self._date = datetime.combine(day, at, tzinfo=UTC)
         if kind == "GST" and message.stdLat != "":
             self._sigmas[at] = (message.stdLong, message.stdLat, message.stdAlt)
-        elif kind == "GGA" and 0 < int(message.quality or 0) <= _MEASURED and message.lat != "":
-            sd = float(message.HDOP or 1.0) * _RANGE_SD_M.get(int(message.quality), _UERE_M)
+        elif kind == "GGA" and 0 < (quality := int(message.quality or 0)) <= _MEASURED and message.lat != "":
+            sd = float(message.HDOP or 1.0) * _RANGE_SD_M.get(quality, _UERE_M)
             height = float(message.alt or 0.0) + float(message.sep or 0.0)
             self._found[kind].append((self._date, at, (message.lat, message.lon, height, sd, sd, 2.0 * sd)))
         elif kind == "RMC" and message.status == "A" and message.lat != "":

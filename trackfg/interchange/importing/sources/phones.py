@@ -48,9 +48,11 @@ class SensorLogger(SourceFormat):
         (CROSSPLATFORM.md of tszheichoi/awesome-sensor-logger): -1 g upwards at rest.
         """
         wanted = ("TotalAcceleration", "Accelerometer", "Gravity", "Gyroscope", "Location", *_UNCALIBRATED)
-        in_json = is_sensor_json(path)
-        named = read_sensor_json(path, wanted) if in_json else _read(path, wanted, dialect_for)
-        about = described(path) if in_json else _metadata(path)
+        if is_sensor_json(path):
+            named, about = read_sensor_json(path, wanted), described(path)
+        else:
+            with _files(path) as files:
+                named, about = _read(files, wanted, dialect_for), _metadata(files)
         for raw, name in _UNCALIBRATED.items():
             if raw in named and name not in named:
                 named[name] = replace(named[raw], name=name)
@@ -106,7 +108,8 @@ class Phyphox(SourceFormat):
 
     def tables(self, path: Path, dialect_for: DialectFor) -> Sequence[SourceTable]:
         """Read gyroscope, accelerometer and location."""
-        named = _read(path, (*(name.removesuffix(".csv") for name in _PHYPHOX_FILES), "time"), dialect_for)
+        with _files(path) as files:
+            named = _read(files, (*(name.removesuffix(".csv") for name in _PHYPHOX_FILES), "time"), dialect_for)
         if "Accelerometer" not in named and any(name.startswith("Linear") for name in _names(path)):
             raise BadInputError(
                 f"{path.name}: the acceleration is without gravity, which roll and pitch need; expected the "
@@ -205,14 +208,11 @@ def _files(path: Path) -> Iterator[list[Path]]:
             yield [file for _, file in unpacked(path, folder, lambda name: name.casefold().endswith(".csv"))]
 
 
-def _read(path: Path, wanted: Sequence[str], dialect_for: DialectFor) -> dict[str, SourceTable]:
-    """Read the CSV files of these names that are there and have rows: a phone indoors has no location."""
-    with _files(path) as files:
-        return {
-            file.stem: read_text(file, dialect_for(file.name))
-            for file in files
-            if file.stem in wanted and _has_rows(file)
-        }
+def _read(files: Sequence[Path], wanted: Sequence[str], dialect_for: DialectFor) -> dict[str, SourceTable]:
+    """Read the files of these names that have rows: a phone indoors has no location."""
+    return {
+        file.stem: read_text(file, dialect_for(file.name)) for file in files if file.stem in wanted and _has_rows(file)
+    }
 
 
 def _has_rows(file: Path) -> bool:
@@ -220,15 +220,14 @@ def _has_rows(file: Path) -> bool:
         return bool(stream.readline().strip() and stream.readline().strip())
 
 
-def _metadata(path: Path) -> dict[str, str]:
+def _metadata(files: Sequence[Path]) -> dict[str, str]:
     """Return what ``Metadata.csv`` says of the phone and of the app's settings, in lower case; nothing without it."""
-    with _files(path) as files:
-        for file in files:
-            if file.name == "Metadata.csv":
-                with file.open(encoding="utf-8-sig", errors="replace", newline="") as stream:
-                    row = next(csv.DictReader(stream), {})
-                return {str(name): str(value).strip().casefold() for name, value in row.items()}
-    return {}
+    file = next((file for file in files if file.name == "Metadata.csv"), None)
+    if file is None:
+        return {}
+    with file.open(encoding="utf-8-sig", errors="replace", newline="") as stream:
+        row = next(csv.DictReader(stream), {})
+    return {str(name): str(value).strip().casefold() for name, value in row.items()}
 
 
 def _turned_round(accel: SourceTable) -> SourceTable:
