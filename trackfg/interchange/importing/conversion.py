@@ -24,6 +24,7 @@ from trackfg.errors import BadInputError, did_you_mean
 from trackfg.files.atomic_folder import replaced_folder
 from trackfg.files.owned_folder import refuse_used
 from trackfg.interchange.importing.balise_places import COLUMNS, planned_places
+from trackfg.interchange.importing.columns.receiver_state import without_position
 from trackfg.interchange.importing.columns.time_columns import time_columns, time_unit
 from trackfg.interchange.importing.mapping import BALISES, MappedSensor, Mapping, fits
 from trackfg.interchange.importing.recorded_columns import in_recorded_units
@@ -65,8 +66,6 @@ _PLACE = "chainage_m"
 """The column of places that the source has in two."""
 _MOST_NAMED = 5
 """Errors of a recording that are named."""
-_NO_FIX = ("0", "0.0", "v", "n", "no", "false", "none", "invalid", "no fix")
-"""What receivers write where they have no position: quality 0 and status V of NMEA, fixType 0 of UBX, and words."""
 _CONSTANT = "constant_"
 """What the name of a column begins with that holds a number of the mapping in each row."""
 
@@ -219,7 +218,7 @@ def _part(sensor: MappedSensor, tables: Sequence[SourceTable], kilometrage: Kilo
     if sensor.kind == "gnss":
         keep &= ~np.all([values == 0.0 for values in measured[:2]], axis=0)  # what receivers write without a fix
         if sensor.reading.valid is not None:
-            keep &= ~without_fix(table.column(sensor.reading.valid))
+            keep &= ~without_position(table.column(sensor.reading.valid))
         if sensor.reading.dop is not None:
             dop = table.numbers(sensor.reading.dop)
             dop = np.where(dop > 0.0, dop, 1.0)  # 0 or nothing: not known
@@ -236,12 +235,6 @@ def _part(sensor: MappedSensor, tables: Sequence[SourceTable], kilometrage: Kilo
 def _diluted(name: str, values: Array, dop: Array) -> Array:
     """Return a column of a constant sigma (n,) times the dilution of precision, and any other as it is."""
     return values * dop if name.startswith(_CONSTANT) else values
-
-
-def without_fix(column: pd.Series) -> np.ndarray:
-    """Return where a receiver's column of validity says that it has no position: 0, V (of NMEA), N or false. (n,)."""
-    text = column.astype("string").str.strip().str.casefold()
-    return np.asarray(text.isin(_NO_FIX) | text.isna())
 
 
 def _says_something(

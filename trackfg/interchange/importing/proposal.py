@@ -6,7 +6,6 @@ recording that the proposal makes is examined as ``trackfg check`` does, which f
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 from typing import Any
 
@@ -17,9 +16,9 @@ from trackfg.errors import BadInputError
 from trackfg.interchange.importing.balise_places import COLUMNS
 from trackfg.interchange.importing.columns.column_meaning import first_of, kind_in
 from trackfg.interchange.importing.columns.column_names import parts_of
+from trackfg.interchange.importing.columns.receiver_state import dilution_column, state_column, without_position
 from trackfg.interchange.importing.columns.time_columns import states_no_zone
 from trackfg.interchange.importing.columns.written_units import factor_of, unit_in
-from trackfg.interchange.importing.conversion import without_fix
 from trackfg.interchange.importing.mapping import FORMAT
 from trackfg.interchange.importing.proposals.evident_by_force import settle_by_force
 from trackfg.interchange.importing.proposals.inertial_proposal import propose_imu
@@ -40,13 +39,6 @@ about 3 m horizontally, twice as much in height)."""
 UNKNOWN_HEIGHT_SD_M = 1000.0
 """Sigma of the height 0 where a source has none, m: no railway is as high as five of it."""
 
-
-_VALID = re.compile(
-    r"^(fix|gps|gnss|gga)[\s_-]?(quality|qual|type|mode|status|valid|ok)|^(quality|fix|valid|gnssfixok)$", re.I
-)
-"""Names of what a receiver says of a position: the quality of NMEA, the type of fix of UBX."""
-_DOP = re.compile(r"^h[\s_-]?dop\b|^dop$", re.I)
-"""Names of the (horizontal) dilution of precision."""
 RAW_DEGREES = "1e-7 deg"
 """Unit of coordinates in messages of u-blox and of MAVLink."""
 _RIGHT_ANGLE = 90.0
@@ -118,7 +110,7 @@ def _gnss(proposal: Proposal, tables: Sequence[SourceTable]) -> None:
         if stated_height is not None and factor_of(stated_height, "length") != 1.0:
             section["height_unit"] = stated_height
         section |= _validity(proposal, table, latitude)
-        if section["sd"] == list(GNSS_SD_M) and (dop := table.name_like(_DOP)) is not None:
+        if section["sd"] == list(GNSS_SD_M) and (dop := dilution_column(table)) is not None:
             section["dop"] = dop
             proposal.reasons["gnss.sd"] = f"m, east, north, up: assumed, times {dop}"
         proposal.sections["gnss"] = section
@@ -127,10 +119,10 @@ def _gnss(proposal: Proposal, tables: Sequence[SourceTable]) -> None:
 
 def _validity(proposal: Proposal, table: SourceTable, latitude: str) -> dict[str, Any]:
     """Return the key of the column that says where the receiver has no position, if it says so of some rows."""
-    name = table.name_like(_VALID)
+    name = state_column(table)
     if name is None:
         return {}
-    lost = without_fix(table.column(name)[table.column(latitude).notna()])
+    lost = without_position(table.column(name)[table.column(latitude).notna()])
     if not 0 < np.count_nonzero(lost) < len(lost):
         return {}
     proposal.reasons["gnss.valid"] = f"{np.count_nonzero(lost)} rows without a position are left out"

@@ -91,6 +91,28 @@ class SourceTable:
         )
 
 
+def column_of(values: np.ndarray) -> np.ndarray | pd.Series | None:
+    """Return an array (n,) as a column: dates as ns since 1970, texts and bytes as text, None where it is neither.
+
+    Numbers and truth values stay as they are.
+    """
+    if values.ndim != 1:
+        return None
+    if values.dtype.kind == "M":
+        return values.astype("datetime64[ns]").astype(np.int64)
+    if values.dtype.kind in "iufb":
+        return values
+    if values.dtype.kind not in "SUO" or not all(isinstance(value, str | bytes | None) for value in values):
+        return None
+    cells = [value.decode("utf-8", "replace") if isinstance(value, bytes) else value for value in values]
+    return pd.Series(cells, dtype="string")
+
+
+def holds_numbers(columns: Mapping[str, np.ndarray | pd.Series] | pd.DataFrame) -> bool:
+    """Return whether any of the columns holds numbers: texts alone are no table of a sensor."""
+    return any(pd.api.types.is_numeric_dtype(column.dtype) for _, column in columns.items())
+
+
 def _no_numbers(text: pd.Series) -> np.ndarray:
     """Return the places of cells that hold something other than a number."""
     return np.flatnonzero(pd.to_numeric(text, errors="coerce").isna() & text.notna() & (text != ""))

@@ -21,7 +21,7 @@ from trackfg.interchange.importing.conversion import Imported
 from trackfg.interchange.importing.registry import source_format
 from trackfg.interchange.importing.source_table import SourceTable
 from trackfg.interchange.importing.sources.mdf import _joined
-from trackfg.interchange.importing.sources.messages import measured_ns, numbers_of
+from trackfg.interchange.importing.sources.messages import cells_of, measured_ns
 from trackfg.recording.model import Recording
 
 Import = Callable[..., Imported]
@@ -261,7 +261,7 @@ def test_positions_without_covariance_or_height_keep_their_place(
     assert (gnss.to_numpy()[:, 4:] == [3.0, 3.0, 6.0 if heights else 1000.0]).all()
 
 
-def test_numbers_and_times_of_messages() -> None:
+def test_cells_and_times_of_messages() -> None:
     message = {
         "header": {"stamp": {"sec": 7, "nanosec": 5}},
         "ok": True,
@@ -276,8 +276,8 @@ def test_numbers_and_times_of_messages() -> None:
     assert measured_ns({"timestamp": {"sec": 7, "nsec": 5}}, 1) == 7_000_000_005
     assert measured_ns({"time": 7}, 1) == 1
     sigmas = {"sd_east_m": 2.0, "sd_north_m": 3.0, "sd_up_m": 0.0}
-    assert numbers_of(message) == {
-        "ok": 1.0, "rate.x": 1.0, "rate.y": 2.0, "rate.z": 3.0, **sigmas, "twist.linear.x": 4.0,
+    assert cells_of(message) == {
+        "ok": 1.0, "name": "wheel", "rate.x": 1.0, "rate.y": 2.0, "rate.z": 3.0, **sigmas, "twist.linear.x": 4.0,
     }  # fmt: skip
 
 

@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 
 from trackfg.interchange.importing.columns.time_columns import time_columns
-from trackfg.interchange.importing.source_table import SourceTable
+from trackfg.interchange.importing.source_table import SourceTable, column_of, holds_numbers
 
 _FEWEST_ROWS = 2
 _RATE = re.compile(r"^(fs|f_?s(ample)?|sampl\w*[ _]?(rate|freq\w*)|rate|srate)([ _]?hz)?$", re.IGNORECASE)
@@ -21,14 +21,15 @@ def tables_of_arrays(arrays: Mapping[str, Any], name: str) -> list[SourceTable]:
     """Return the tables of arrays by their paths (``imu/gyro``): arrays of one group and length are one table.
 
     An array (n, 3) or (3, n) is three columns x, y, z. A group without times gets those of another one of its length,
-    if only one has any.
+    if only one has any. Texts go beside numbers of their length.
     """
-    groups: dict[tuple[str, int], dict[str, np.ndarray]] = {}
+    groups: dict[tuple[str, int], dict[str, np.ndarray | pd.Series]] = {}
     for path, value in arrays.items():
         array = _by_rows(np.asarray(value))
         if array is not None:
             parent, _, leaf = path.rpartition("/")
             groups.setdefault((parent, len(array)), {}).update(_columns(leaf, array))
+    groups = {key: columns for key, columns in groups.items() if holds_numbers(columns)}
     remarks = "\n".join(_rates(arrays))
     parents = {parent for parent, _ in groups}
     tables = []
@@ -39,20 +40,20 @@ def tables_of_arrays(arrays: Mapping[str, Any], name: str) -> list[SourceTable]:
     return _with_times(tables)
 
 
-def _by_rows(array: np.ndarray) -> np.ndarray | None:
-    """Return an array of numbers as (n,) or (n, columns); None for anything else."""
-    if array.dtype.kind == "M":
-        array = array.astype("datetime64[ns]").astype(np.int64)
-    if array.dtype.kind not in "iufb" or array.ndim > 2 or array.size < _FEWEST_ROWS:
+def _by_rows(array: np.ndarray) -> np.ndarray | pd.Series | None:
+    """Return an array of numbers as (n,) or (n, columns), of texts as (n,); None for anything else."""
+    if array.size < _FEWEST_ROWS or array.ndim not in (1, 2):
         return None
     if array.ndim == 2:
         array = array if array.shape[0] >= array.shape[1] else array.T
-        array = array[:, 0] if array.shape[1] == 1 else array
-    return array if array.ndim and len(array) >= _FEWEST_ROWS else None
+        if array.shape[1] > 1:
+            return array if array.dtype.kind in "iufb" else None
+        array = array[:, 0]
+    return column_of(array)
 
 
-def _columns(leaf: str, array: np.ndarray) -> dict[str, np.ndarray]:
-    if array.ndim == 1:
+def _columns(leaf: str, array: np.ndarray | pd.Series) -> Mapping[str, np.ndarray | pd.Series]:
+    if isinstance(array, pd.Series) or array.ndim == 1:
         return {leaf: array}
     axes = "xyz" if array.shape[1] == 3 else [str(i + 1) for i in range(array.shape[1])]
     return {f"{leaf} {axis}": array[:, i] for i, axis in enumerate(axes)}

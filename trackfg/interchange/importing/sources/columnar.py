@@ -154,5 +154,5 @@ def _leaves(content: dict[str, Any], prefix: str, depth: int) -> Iterator[tuple[
             yield from _leaves(
                 {part: getattr(value, part) for part in value._fieldnames}, f"{prefix}{name}/", depth - 1
             )
-        elif isinstance(value, np.ndarray | int | float) and np.asarray(value).dtype.kind in "iuf":
+        elif isinstance(value, np.ndarray | int | float) and np.asarray(value).dtype.kind in "iufbUO":
             yield f"{prefix}{name}", value

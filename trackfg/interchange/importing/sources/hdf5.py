@@ -18,7 +18,7 @@ import pandas as pd
 from trackfg.files.libraries import library
 from trackfg.interchange.importing.shapes.array_tables import tables_of_arrays
 from trackfg.interchange.importing.source_format import DialectFor, SourceFormat, readable, refuse_empty, starts_with
-from trackfg.interchange.importing.source_table import SourceTable
+from trackfg.interchange.importing.source_table import SourceTable, column_of, holds_numbers
 
 Part = TypeVar("Part")
 _SIGNATURE = b"\x89HDF\r\n\x1a\n"
@@ -165,20 +165,22 @@ def _compound_tables(h5py: Any, file: Any) -> Iterator[SourceTable]:
     for dataset in _all_of(h5py.Dataset, file):
         if dataset.dtype.names and len(dataset):
             values = dataset[()]
-            columns = {name: values[name] for name in dataset.dtype.names if values[name].dtype.kind in "iufb"}
-            if columns:
+            found = ((name, column_of(values[name])) for name in dataset.dtype.names)
+            columns = {name: column for name, column in found if column is not None}
+            if holds_numbers(columns):
                 yield SourceTable(dataset.name.lstrip("/"), pd.DataFrame(columns))
 
 
 def arrays_in(path: Path) -> dict[str, np.ndarray]:
-    """Return the arrays of numbers in an HDF5 file by their paths. Raises :class:`BadInputError`."""
+    """Return the arrays of numbers and texts in an HDF5 file by their paths. Raises :class:`BadInputError`."""
     return dict(_read(path, _arrays))
 
 
 def _arrays(h5py: Any, file: Any) -> Iterator[tuple[str, np.ndarray]]:
     for dataset in _all_of(h5py.Dataset, file):
         name = dataset.name.lstrip("/")
-        if dataset.dtype.kind in "iuf" and not name.startswith("#"):
+        is_text = h5py.check_string_dtype(dataset.dtype) is not None and dataset.ndim == 1
+        if (is_text or dataset.dtype.kind in "iufb") and not name.startswith("#"):
             yield name, dataset[()]
 
 

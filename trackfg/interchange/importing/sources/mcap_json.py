@@ -9,7 +9,7 @@ from pathlib import Path
 from trackfg.files.libraries import library
 from trackfg.interchange.importing.source_format import DialectFor, SourceFormat, readable, refuse_empty, starts_with
 from trackfg.interchange.importing.source_table import SourceTable
-from trackfg.interchange.importing.sources.messages import MessageTables, measured_ns, numbers_of
+from trackfg.interchange.importing.sources.messages import MessageTables, cells_of, measured_ns
 
 MCAP = b"\x89MCAP"
 """What MCAP files begin with."""
@@ -40,5 +40,5 @@ class McapJson(SourceFormat):
             for _, channel, message in reader.make_reader(stream).iter_messages():
                 if channel.message_encoding == "json":
                     content = json.loads(message.data)
-                    topics.take(channel.topic, measured_ns(content, message.log_time), numbers_of(content))
+                    topics.take(channel.topic, measured_ns(content, message.log_time), cells_of(content))
         return refuse_empty(list(topics.tables()), path, "messages in JSON with numbers")

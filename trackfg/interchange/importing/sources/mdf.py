@@ -19,7 +19,7 @@ import pandas as pd
 from trackfg.errors import BadInputError, first_line
 from trackfg.files.libraries import library
 from trackfg.interchange.importing.source_format import DialectFor, SourceFormat, refuse_empty, starts_with
-from trackfg.interchange.importing.source_table import SourceTable
+from trackfg.interchange.importing.source_table import SourceTable, column_of, holds_numbers
 from trackfg.interchange.importing.times import as_ns
 
 _FIRST_YEAR = 1990
@@ -37,13 +37,16 @@ class Mdf(SourceFormat):
         return starts_with(path, b"MDF     ", b"UnFinMF ")
 
     def tables(self, path: Path, dialect_for: DialectFor) -> Sequence[SourceTable]:
-        """Read every group with numbers: a table by its name, or ``group_N``, with the times in ``time_s``."""
+        """Read every group with numbers: a table by its name, or ``group_N``, with the times in ``time_s``.
+
+        Codes that the file has words for are text.
+        """
         asammdf = library("asammdf", "mdf")
         tables, reason = [], ""
         with _without_messages_at_deletion():
             try:
                 with asammdf.MDF(path) as file:
-                    tables = _joined([*_groups(file)])
+                    tables = [table for table in _joined([*_groups(file)]) if holds_numbers(table.frame.iloc[:, 1:])]
             except Exception as error:  # the library raises errors of many kinds for damaged files
                 reason = first_line(error)
         if reason:
@@ -104,11 +107,11 @@ def _groups(file: Any) -> Iterator[SourceTable]:
 
 
 def _group(file: Any, index: int) -> tuple[pd.DataFrame, dict[str, str]]:
-    """Return the numeric channels of a group, the time first, and their units."""
+    """Return the channels of numbers or text of a group, the time first, and their units."""
     whole = file.get_group(index, time_from_zero=False)
-    frame = whole.select_dtypes("number")
-    units = {channel.name: channel.unit or "" for channel in file.groups[index].channels}
-    if frame.shape[1] == 0:
+    found = ((str(name), column_of(values.to_numpy())) for name, values in whole.items())
+    columns = {name: cells for name, cells in found if cells is not None}
+    if not columns:
         return pd.DataFrame(), {}
-    frame.insert(0, "time_s", np.asarray(whole.index, dtype=np.float64))
-    return frame.reset_index(drop=True), {"time_s": "s", **units}
+    units = {channel.name: channel.unit or "" for channel in file.groups[index].channels}
+    return pd.DataFrame({"time_s": np.asarray(whole.index, dtype=np.float64), **columns}), {"time_s": "s", **units}

@@ -1,4 +1,4 @@
-"""Messages of any type become tables: each number in them is a column, named by its path (``twist.linear.x``)."""
+"""Messages of any type become tables: a column for each number or text, named by its path (``twist.linear.x``)."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from trackfg.interchange.importing.source_table import SourceTable
+from trackfg.interchange.importing.source_table import SourceTable, holds_numbers
 
 STAMP = "stamp_ns"
 """The column of times, ns since 1970."""
@@ -24,27 +24,43 @@ _DEPTH = 8
 
 
 class MessageTables:
-    """A table for each topic, with the columns of its first message; what later ones do not have is NaN."""
+    """A table for each topic, with the columns of its first message; what later ones do not have is NaN or missing."""
 
     def __init__(self) -> None:
         self._names: dict[str, tuple[str, ...]] = {}
         self._stamps: dict[str, list[int]] = {}
-        self._rows: dict[str, list[tuple[float, ...]]] = {}
+        self._rows: dict[str, list[tuple[float | str | None, ...]]] = {}
 
-    def take(self, topic: str, stamp_ns: int, numbers: Mapping[str, float]) -> None:
+    def take(self, topic: str, stamp_ns: int, cells: Mapping[str, float | str]) -> None:
         """Take up a message that has numbers."""
-        names = self._names.setdefault(topic, tuple(numbers))
+        names = self._names.setdefault(topic, tuple(cells))
         self._stamps.setdefault(topic, []).append(stamp_ns)
-        self._rows.setdefault(topic, []).append(tuple(numbers.get(name, np.nan) for name in names))
+        self._rows.setdefault(topic, []).append(tuple(cells.get(name) for name in names))
 
     def tables(self) -> Iterator[SourceTable]:
         """Yield the tables of topics with numbers."""
         for topic, names in self._names.items():
-            if names:
-                columns = [topic.rpartition("/")[2]] if names in _BARE else list(names)
-                frame = pd.DataFrame(np.array(self._rows[topic], dtype=np.float64), columns=columns)
+            cells = zip(*self._rows[topic], strict=True)
+            columns = {name: _column(values) for name, values in zip(names, cells, strict=True)}
+            # A text that is the same in all messages, such as the name of a frame, measures nothing.
+            columns = {
+                name: values
+                for name, values in columns.items()
+                if isinstance(values, np.ndarray) or (values != values.iloc[0]).any()
+            }
+            if holds_numbers(columns):
+                frame = pd.DataFrame(columns)
+                if tuple(columns) in _BARE:
+                    frame.columns = pd.Index([topic.rpartition("/")[2]])
                 frame.insert(0, STAMP, np.array(self._stamps[topic], dtype=np.int64))
                 yield SourceTable(topic, frame)
+
+
+def _column(cells: tuple[float | str | None, ...]) -> np.ndarray | pd.Series:
+    """Return the cells of a column: text if that of the first message is, else numbers."""
+    if isinstance(cells[0], str):
+        return pd.Series([cell if isinstance(cell, str) else None for cell in cells], dtype="string")
+    return np.array([np.nan if cell is None or isinstance(cell, str) else cell for cell in cells])
 
 
 def fields_of(message: Any) -> Mapping[str, Any]:
@@ -65,19 +81,23 @@ def measured_ns(message: Any, received_ns: int) -> int:
     return received_ns
 
 
-def numbers_of(message: Any, prefix: str = "", depth: int = _DEPTH) -> dict[str, float]:
-    """Return the numbers of a message by their paths, vectors of three as x, y, z; other arrays are left out."""
-    out: dict[str, float] = {}
+def cells_of(message: Any, prefix: str = "", depth: int = _DEPTH) -> dict[str, float | str]:
+    """Return the numbers and texts of a message by their paths, vectors of three as x, y, z, without other arrays."""
+    out: dict[str, float | str] = {}
     for name, value in fields_of(message).items():
         path = f"{prefix}{name}"
         if isinstance(value, bool | int | float | np.number):
             out[path] = float(value)
         elif name == "position_covariance":
             out |= dict(zip(SIGMAS, sigmas_of(value), strict=True))
-        elif name not in _STAMPS and _is_vector(value):
+        elif name in _STAMPS:
+            continue
+        elif isinstance(value, str):
+            out[path] = value
+        elif _is_vector(value):
             out |= {f"{path}.{axis}": float(part) for axis, part in zip("xyz", value, strict=True)}
-        elif name not in _STAMPS and depth and not isinstance(value, list | tuple | np.ndarray | str | bytes):
-            out |= numbers_of(value, f"{path}.", depth - 1)
+        elif depth and not isinstance(value, list | tuple | np.ndarray | bytes):
+            out |= cells_of(value, f"{path}.", depth - 1)
     return out
 
 

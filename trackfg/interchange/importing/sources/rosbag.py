@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -20,9 +20,9 @@ from trackfg.interchange.importing.sources.messages import (
     SIGMAS,
     STAMP,
     MessageTables,
+    cells_of,
     fields_of,
     measured_ns,
-    numbers_of,
     sigmas_of,
 )
 
@@ -57,7 +57,7 @@ def _twist(message: Any) -> dict[str, float]:
     return dict(zip(_TWIST_COLUMNS, (linear.x, linear.y), strict=True))
 
 
-_MESSAGES: dict[str, Callable[[Any], dict[str, float]]] = {
+_MESSAGES: dict[str, Callable[[Any], Mapping[str, float | str]]] = {
     "sensor_msgs/msg/Imu": _imu,
     "sensor_msgs/msg/NavSatFix": _fix,
     "nav_msgs/msg/Odometry": _twist,
@@ -92,8 +92,8 @@ class RosBag(SourceFormat):
                 wanted = [c for c in reader.connections if c.msgtype in _MESSAGES or _has_numbers(reader, c)]
                 for connection, received_ns, raw in reader.messages(connections=wanted) if wanted else ():
                     message = reader.deserialize(raw, connection.msgtype)
-                    numbers = _MESSAGES.get(connection.msgtype, numbers_of)(message)
-                    topics.take(connection.topic, measured_ns(message, received_ns), numbers)
+                    cells = _MESSAGES.get(connection.msgtype, cells_of)(message)
+                    topics.take(connection.topic, measured_ns(message, received_ns), cells)
                     frame = getattr(getattr(message, "header", None), "frame_id", "")
                     if _RECEIVER.search(f"{connection.topic} {frame}"):
                         receivers.add(connection.topic)
@@ -137,7 +137,9 @@ def _has_numbers(reader: Any, connection: Any) -> bool:
     except (StopIteration, KeyError, ValueError):
         return False
     sizes = [len(value) for value in fields_of(message).values() if hasattr(value, "__len__")]
-    return max(sizes, default=0) <= _MOST_NUMBERS and bool(numbers_of(message))
+    return max(sizes, default=0) <= _MOST_NUMBERS and any(
+        isinstance(cell, float) for cell in cells_of(message).values()
+    )
 
 
 def _usable(table: SourceTable, of_receiver: bool) -> SourceTable:

@@ -12,7 +12,7 @@ import pandas as pd
 
 from trackfg.files.libraries import library
 from trackfg.interchange.importing.source_format import DialectFor, SourceFormat, readable, refuse_empty, starts_with
-from trackfg.interchange.importing.source_table import SourceTable
+from trackfg.interchange.importing.source_table import SourceTable, column_of, holds_numbers
 
 
 class Tdms(SourceFormat):
@@ -37,19 +37,19 @@ class Tdms(SourceFormat):
 
 
 def _group(group: Any) -> list[SourceTable]:
-    by_length: dict[int, dict[str, np.ndarray]] = {}
+    by_length: dict[int, dict[str, np.ndarray | pd.Series]] = {}
     units: dict[str, str] = {}
     times: dict[int, dict[str, np.ndarray]] = {}
     for channel in group.channels():
         values = channel[:]
-        if not len(values) or values.dtype.kind not in "iufbM":
+        column = column_of(values) if len(values) else None
+        if column is None:
             continue
-        if values.dtype.kind == "M":
-            values = values.astype("datetime64[ns]").astype(np.int64)
-        by_length.setdefault(len(values), {})[channel.name] = values
+        by_length.setdefault(len(values), {})[channel.name] = column
         units[channel.name] = str(channel.properties.get("unit_string", ""))
         if len(values) not in times and "wf_increment" in channel.properties:
             times[len(values)] = _times(channel)
+    by_length = {rows: columns for rows, columns in by_length.items() if holds_numbers(columns)}
     tables = []
     for rows, columns in by_length.items():
         name = group.name if len(by_length) == 1 else f"{group.name}/{rows} rows"
