@@ -6,7 +6,7 @@ measured along the sleeper. The response is ``base`` at every wavelength (small 
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -14,13 +14,29 @@ from numpy.typing import ArrayLike
 from trackfg.errors import BadInputError
 from trackfg.numerics.arrays import Array
 
+if TYPE_CHECKING:
+    import pandas as pd
+
 Convention = Literal["left-high", "right-high", "inner-rail"]
 """What is positive: the left rail higher; the right rail higher; in curves the outer rail higher than designed."""
+_PROPORTIONAL = ("cross_level_mm", "twist_mm")
+"""Columns of a geometry that grow with the base."""
 
 
 def cross_level(roll_rad: ArrayLike, base_m: float) -> Array:
     """Return cross-level, m, left rail higher is positive, of track rolls (left side up positive). Any shape."""
     return np.asarray(base_m * np.sin(np.asarray(roll_rad, dtype=np.float64)))
+
+
+def on_base(geometry: pd.DataFrame, base_m: float, wanted_m: float) -> pd.DataFrame:
+    """Return a geometry table whose cross-level and twist refer to ``base_m`` as they are on the base ``wanted_m``.
+
+    Both, and their sigmas, are ``base`` times a function of the roll.
+    """
+    names = [name for name in geometry if str(name).removesuffix("_sd") in _PROPORTIONAL]
+    if base_m == wanted_m or not names:
+        return geometry
+    return geometry.assign(**{str(name): wanted_m / base_m * geometry[name] for name in names})
 
 
 def in_convention(

@@ -24,8 +24,8 @@ class ChannelReading(Model):
     deviation: bool = False
 
 
-class GeometryReading(Model):
-    """Which columns of a table are which of the geometry's, and what these mean.
+class GeometryOptions(Model):
+    """Which columns of a table are which of the geometry's, and what these mean, as far as a mapping states it.
 
     ``place`` is a column of places, or those of posts and lengths from them. ``facing``: whether left and right are
     those of increasing chainage or of the direction of travel, the order of the rows. Lengths that the file does not
@@ -33,9 +33,9 @@ class GeometryReading(Model):
     """
 
     file: str = "*"
-    place: str | tuple[str, str]
+    place: str | tuple[str, str] | None = None
     chainage_unit: Bare = "m"
-    channels: dict[str, ChannelReading]
+    channels: dict[str, ChannelReading] | None = None
     facing: Literal["increasing chainage", "travel"] = "increasing chainage"
     chainage_sd_m: Length = 10.0
     gauge_m: Length | None = None
@@ -60,3 +60,10 @@ class GeometryReading(Model):
                     f"no column {column!r} of a geometry; expected one of {', '.join(sorted(KNOWN_COLUMNS))}"
                 )
         return {column: {"name": name} if isinstance(name, str) else name for column, name in value.items()}
+
+
+class GeometryReading(GeometryOptions):
+    """How a table is read: the place and the channels are known."""
+
+    place: str | tuple[str, str]
+    channels: dict[str, ChannelReading]

@@ -17,7 +17,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from trackfg.errors import BadInputError, expected_one_of
 from trackfg.files.small_file import read_toml, validated
-from trackfg.interchange.importing.geometry_reading import GeometryReading
+from trackfg.interchange.importing.geometry_reading import GeometryOptions
 from trackfg.interchange.importing.text_dialect import DialectOptions
 from trackfg.interchange.importing.times import TimeNotation
 from trackfg.io.formats.registry import FORMATS
@@ -106,7 +106,7 @@ class Mapping:
     sensors: tuple[MappedSensor, ...]
     top: dict[str, Any] = field(default_factory=dict)
     """``id``, ``start``, ``track`` and ``kilometrage``, as far as they are given."""
-    geometry: GeometryReading | None = None
+    geometry: GeometryOptions | None = None
     """How a channel table is read: the source is then no recording but a geometry, and has no sensors."""
     kilometrage: Kilometrage | None = None
     """What official places mean in chainages; None where both are the same."""
@@ -140,7 +140,7 @@ def mapping_of(data: Dictionary[str, Any], name: str) -> Mapping:
         raise BadInputError(f"{name}: key start is {start!r}; expected a date with time, such as 2026-05-01T03:12:00Z")
     text = tuple(validated(DialectOptions, entry, f"{name}: ", "key ") for entry in data.get("text", ()))
     sensors = tuple(_sensor(*part) for part in _sections(data))
-    geometry = validated(GeometryReading, data["geometry"], f"{name}: ", "key ") if "geometry" in data else None
+    geometry = validated(GeometryOptions, data["geometry"], f"{name}: ", "key ") if "geometry" in data else None
     kilometrage = None
     if "kilometrage" in data:
         if geometry is not None:

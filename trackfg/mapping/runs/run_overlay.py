@@ -7,12 +7,13 @@ a constant difference does not count (:mod:`trackfg.geometry.repeatability`).
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pandas as pd
 
 from trackfg.errors import BadInputError
+from trackfg.geometry.cross_level import on_base
 from trackfg.geometry.repeatability import FULL_SHARE
 from trackfg.geometry.statistics import section_statistics
 from trackfg.mapping.recognition.profiles import SECTION_M
@@ -34,9 +35,9 @@ class RunOverlay(Outlined):
     """Runs over the first of them, the reference.
 
     ``shifts``: the sections of all further runs, columns :data:`~trackfg.mapping.runs.run_alignment.SHIFT_COLUMNS`.
-    ``geometries``: of each run by the reference's chainage, the reference first. ``differences``: one row per run,
-    channel and section of 200 m, columns :data:`DIFFERENCE_COLUMNS`, with the standard deviation and the mean of run
-    less reference in the channel's unit.
+    ``geometries``: of each run by the reference's chainage and on its base of cross-level, the reference first.
+    ``differences``: one row per run, channel and section of 200 m, columns :data:`DIFFERENCE_COLUMNS`, with the
+    standard deviation and the mean of run less reference in the channel's unit.
     """
 
     names: tuple[str, ...]
@@ -73,7 +74,9 @@ def overlaid(results: Sequence[Result], names: Sequence[str], *, section_m: floa
     reference = results[0]
     step_m = reference.summary.geometry.step_m
     shifts, geometries, differences = [], [reference.geometry], []
-    for result, name in zip(results[1:], names[1:], strict=True):
+    base_m = reference.summary.geometry.cross_level_base_m
+    for run, name in zip(results[1:], names[1:], strict=True):
+        result = replace(run, geometry=on_base(run.geometry, run.summary.geometry.cross_level_base_m, base_m))
         shifts_of_run, to_reference = aligned(result, reference, name, section_m)
         geometry = warped(result.geometry.dropna(axis=1, how="all"), to_reference, step_m)
         shifts.append(shifts_of_run)

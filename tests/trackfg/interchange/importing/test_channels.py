@@ -391,3 +391,44 @@ def test_a_gauge_of_some_millimetres_is_a_deviation(tmp_path):
 
     assert result.summary.geometry.gauge_m == 1.435
     np.testing.assert_allclose(result.geometry["gauge_mm"], 1435.0 + 2.0 * np.sin(x))
+
+
+@pytest.mark.parametrize("gauge", [1.435, -368.0])
+def test_a_gauge_in_another_unit_or_from_another_gauge_is_refused(gauge: float, tmp_path: Path) -> None:
+    x = 0.25 * np.arange(200)
+    path = _table(tmp_path, {"Chainage (m)": x, "Gauge": gauge + 0.002 * np.sin(x), "Crosslevel (mm)": np.cos(x)})
+
+    with pytest.raises(BadInputError, match=r"column 'Gauge' has the median .*; expected a gauge, 300 to 4000 mm"):
+        read_geometry(path)
+
+
+def test_a_mapping_may_state_the_base_of_the_cross_level_alone(tmp_path: Path) -> None:
+    x = 0.25 * np.arange(200)
+    path = _table(tmp_path, {"km": 12.0 + 0.001 * x, "Überhöhung (mm)": np.cos(x), "Spurweite (mm)": 1435.0 + 0.0 * x})
+    stated = mapping_of({"format": FORMAT, "geometry": {"cross_level_base_m": 1.435}}, "m.toml")
+
+    result, plain = measured(path, stated), read_geometry(path)
+
+    assert result.summary.geometry.cross_level_base_m == 1.435
+    assert plain.summary.geometry.cross_level_base_m == 1.5
+    pd.testing.assert_frame_equal(result.geometry, plain.geometry)
+
+
+def test_a_mapping_may_state_the_channels_alone(tmp_path: Path) -> None:
+    """A channel that it leaves out is not read."""
+    x = 0.25 * np.arange(200)
+    path = _table(tmp_path, {"km": 12.0 + 0.001 * x, "s": np.cos(x), "Gauge (mm)": 1435.0 + 0.0 * x})
+    stated = mapping_of({"format": FORMAT, "geometry": {"channels": {"cross_level_mm": "s"}}}, "m.toml")
+
+    geometry = measured(path, stated).geometry
+
+    np.testing.assert_allclose(geometry["chainage_m"], 12000.0 + x, atol=1e-6)
+    assert "gauge_mm" not in geometry
+
+
+def test_a_mapping_without_a_place_that_no_name_shows_is_refused(tmp_path: Path) -> None:
+    path = _table(tmp_path, {"a": 0.25 * np.arange(200), "b": np.ones(200)})
+    stated = mapping_of({"format": FORMAT, "geometry": {"channels": {"cross_level_mm": "b"}}}, "m.toml")
+
+    with pytest.raises(BadInputError, match=r"m\.toml: section \[geometry\] states no place"):
+        measured(path, stated)

@@ -14,7 +14,9 @@ from typer.testing import CliRunner
 
 from trackfg.cli.main import app
 from trackfg.errors import BadInputError
-from trackfg.interchange.importing.channels.source_geometry import read_geometry
+from trackfg.interchange.importing.channels.measured_geometry import measured_result
+from trackfg.interchange.importing.channels.source_geometry import geometry_in, read_geometry
+from trackfg.interchange.importing.mapping import FORMAT, mapping_of
 from trackfg.mapping.runs.run_overlay import RunOverlay, overlaid
 from trackfg.numerics.arrays import Array
 
@@ -136,3 +138,23 @@ def test_the_command_line(tmp_path: Path) -> None:
     assert "Repeatability: standard deviation" in shown.output
     alone = run.invoke(app, ["overlay", a])
     assert isinstance(alone.exception, BadInputError)
+
+
+def test_cross_levels_on_different_bases_are_brought_to_that_of_the_first_run(tmp_path: Path) -> None:
+    """One car states the cross-level of the rails' middles, another that of the gauge."""
+    x = STEP * np.arange(8000)
+    waves = 30.0 * irregularities(2000.0, 7)(x)
+    results = []
+    for name, base_m in (("a", 1.5), ("b", 1.435)):
+        cross_level = np.round(waves * base_m / 1.5, 3)
+        pd.DataFrame({"km": 0, "m": x, "cross-level": cross_level}).to_csv(tmp_path / f"{name}.csv", index=False)
+        mapping = mapping_of({"format": FORMAT, "geometry": {"cross_level_base_m": base_m}}, f"{name}.toml")
+        measured = geometry_in(tmp_path / f"{name}.csv", None, mapping)
+        assert measured is not None
+        results.append(measured_result(*measured))
+
+    overlay = overlaid(results, ["a", "b"])
+
+    assert results[1].geometry["cross_level_mm"].max() < 0.97 * results[0].geometry["cross_level_mm"].max()
+    assert set(overlay.repeatability["channel"]) == {"cross_level_mm", "twist_mm"}
+    assert overlay.repeatability["sd_max"].max() < 0.01

@@ -32,6 +32,10 @@ _NOMINAL_GAUGES_M = (1.0, 1.067, 1.435, 1.520, 1.524, 1.600, 1.668, 1.676)
 """Gauges of the world's main lines, m: the one next to a gauge channel is the nominal one."""
 _LARGEST_DEVIATION_MM = 100.0
 """Of a gauge from the nominal one, mm: tracks are closed at a third of it (EN 13848-5, gauge of 1470 mm)."""
+_GAUGES_MM = (300.0, 4000.0)
+"""Smallest and greatest gauge, mm, as `trackfg check` takes them for one (finding `track-size`)."""
+_STEADY = 0.05
+"""Spread of a gauge, of its median: 95 % of a line's are within 50 mm, on curves of small radius, too."""
 _STANDARD_GAUGE_M = 1.435
 """Gauge that is assumed without a gauge channel, m (UIC 510)."""
 _RAIL_HEAD_M = 0.065
@@ -64,6 +68,7 @@ def measured_result(table: SourceTable, reading: GeometryReading, run_id: str) -
         columns = _turned(columns)
     elsewhere = f"the geometry was measured by another system ({', '.join(names)}): it has no sigmas and no trajectory"
     findings = [Finding("info", "measured-elsewhere", elsewhere)]
+    _refuse_other_than_a_gauge(table.name, columns, reading)
     deviates = _is_deviation(columns, reading)
     gauge_m = reading.gauge_m or _gauge(columns, deviates)
     if deviates:
@@ -107,6 +112,23 @@ def _turned(columns: dict[str, Array]) -> dict[str, Array]:
         mirrored = name in _MIRRORED or name.startswith("alignment") or name == "versine_alignment_mm"
         out[turned] = -values if mirrored else values
     return out
+
+
+def _refuse_other_than_a_gauge(file: str, columns: dict[str, Array], reading: GeometryReading) -> None:
+    """Raise :class:`BadInputError` for a gauge channel that is neither a gauge, mm, nor a deviation from one."""
+    values = columns.get("gauge_mm")
+    if values is None or not np.isfinite(values).any() or reading.channels["gauge_mm"].deviation:
+        return
+    least, middle, greatest = np.nanquantile(values, (0.025, 0.5, 0.975)).tolist()
+    smallest, largest = _GAUGES_MM
+    in_metres = smallest < 1000.0 * middle < largest and greatest - least < _STEADY * middle
+    if in_metres or not (abs(middle) < _LARGEST_DEVIATION_MM or smallest < middle < largest):
+        name = reading.channels["gauge_mm"].name
+        raise BadInputError(
+            f"{file}: column {name!r} has the median {middle:g}; expected a gauge, {smallest:g} to {largest:g} mm, or "
+            f"a deviation from it below {_LARGEST_DEVIATION_MM:g} mm. Hint: state its unit in its name ('{name} [m]'), "
+            f"or gauge_mm = {{ name = {name!r}, factor = ... }} under [geometry.channels] of a mapping"
+        )
 
 
 def _is_deviation(columns: dict[str, Array], reading: GeometryReading) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import tomli_w
@@ -12,8 +13,8 @@ from trackfg.interchange.importing.channels.measured_geometry import measured_re
 from trackfg.interchange.importing.channels.proposed_reading import proposed_reading
 from trackfg.interchange.importing.columns.column_meaning import triples
 from trackfg.interchange.importing.conversion import table_named
-from trackfg.interchange.importing.geometry_reading import GeometryReading
-from trackfg.interchange.importing.mapping import FORMAT, Mapping
+from trackfg.interchange.importing.geometry_reading import GeometryOptions, GeometryReading
+from trackfg.interchange.importing.mapping import FORMAT, Mapping, fits
 from trackfg.interchange.importing.registry import source_format
 from trackfg.interchange.importing.source_table import SourceTable
 from trackfg.results.result import RESULT_FOLDER, Result
@@ -33,14 +34,33 @@ def geometry_in(
     tables = source_format(path, named).tables(path, (lambda _: None) if mapping is None else mapping.dialect)
     if mapping is not None:
         assert mapping.geometry is not None
-        table = table_named(tables, mapping.geometry.file, "geometry")
-        return table, mapping.geometry, str(mapping.top.get("id", path.stem))
+        stated = _completed(mapping.geometry, tables, mapping.name)
+        return table_named(tables, stated.file, "geometry"), stated, str(mapping.top.get("id", path.stem))
     if any(triples(table, "gyro") for table in tables):
         return None
     reading = proposed_reading(tables)
     if reading is None:
         return None
     return table_named(tables, reading.file, "geometry"), reading, path.stem
+
+
+def _completed(stated: GeometryOptions, tables: Sequence[SourceTable], name: str) -> GeometryReading:
+    """Return how a table is read: what a mapping of that name states, else what names and units of its columns show."""
+    options = stated.model_dump(exclude_unset=True)
+    if stated.place is None or stated.channels is None:
+        table = next((table for table in tables if fits(table.name, stated.file)), None)
+        proposed = proposed_reading(tables if table is None or "file" not in options else [table])
+        if proposed is None:
+            missing = " and ".join(key for key in ("place", "channels") if options.get(key) is None)
+            raise BadInputError(
+                f"{name}: section [geometry] states no {missing}, which the names of the columns do not show; "
+                "expected the source's names of them"
+            )
+        shown = proposed.model_dump(exclude_unset=True)
+        if stated.place is not None:
+            shown.pop("chainage_unit", None)
+        options = {**shown, **{key: value for key, value in options.items() if value is not None}}
+    return GeometryReading.model_validate(options)
 
 
 def geometry_mapping_text(reading: GeometryReading) -> str:
