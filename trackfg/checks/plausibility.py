@@ -8,6 +8,7 @@ be read.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from datetime import UTC, datetime, timedelta
 
 import numpy as np
 import pandas as pd
@@ -56,6 +57,31 @@ def findings(
                 found += _gyro_unit(imu, motion, limits)
             found += _overlaps(imu_table, parts, tables, limits)
     return found
+
+
+_CLOCK_ZEROS = tuple(datetime(*day, tzinfo=UTC) for day in ((1970, 1, 1), (1980, 1, 1), (1980, 1, 6), (2000, 1, 1)))
+"""Where clocks begin that nobody has set: of Unix, of PCs, of GPS (IS-GPS-200), and of real-time clocks with two digits
+for the year."""
+_DAY = timedelta(days=1)
+"""How long a clock may have run since its zero; how far one may be ahead, zones included."""
+
+
+def start_doubts(start: datetime | None, toml: str) -> list[Finding]:
+    """Return a warning where the date of a recording is that of a clock that was not set, or is to come.
+
+    Stores list runs by their dates, and trends follow them.
+    """
+    if start is None:
+        return []
+    utc = start.replace(tzinfo=UTC) if start.tzinfo is None else start
+    if any(abs(utc - zero) <= _DAY for zero in _CLOCK_ZEROS):
+        message = f"is {utc:%Y-%m-%d %H:%M} UTC, which a clock shows that was not set"
+    elif utc > datetime.now(UTC) + _DAY:
+        message = f"is {utc:%Y-%m-%d %H:%M} UTC, which is to come"
+    else:
+        return []
+    hint = "write when t = 0 of the tables was, as in start = 2026-05-01T03:12:00Z, or leave it out"
+    return [Finding("warning", "start-date", message, file=toml, column="start", hint=hint)]
 
 
 _ASSUMED = {

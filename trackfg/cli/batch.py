@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json as json_text
 import sys
+import time
 from collections import Counter, defaultdict
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -143,13 +144,17 @@ def _outcome_line(outcome: Outcome) -> str:
 
 @contextmanager
 def _progress(total: int) -> Iterator[Callable[[Outcome], None]]:
-    """Name the first runs that fail; on a terminal show how many are done and how fast, the time left, and failures."""
+    """Name the first runs that fail; on a terminal show how many are done and how fast, the time left, and failures.
+
+    Where the batch is interrupted, say how far it has come.
+    """
     from trackfg.errors import printable
 
-    failed = 0
+    done = failed = 0
 
     def name_failure(outcome: Outcome, show: Callable[[str], None]) -> None:
-        nonlocal failed
+        nonlocal done, failed
+        done += 1
         if outcome.reason is None:
             return
         failed += 1
@@ -158,22 +163,41 @@ def _progress(total: int) -> Iterator[Callable[[Outcome], None]]:
         elif failed == _NAMED + 1:
             show("further runs that fail are in the store's catalogue, each with its reason")
 
-    if not shows_progress() or total == 0:
-        yield lambda outcome: name_failure(outcome, lambda text: complain(f"trackfg: warning: {text}"))
-        return
+    try:
+        if not shows_progress() or total == 0:
+            yield lambda outcome: name_failure(outcome, lambda text: complain(f"trackfg: warning: {text}"))
+            return
+        with _bar(total) as (show, advance):
+
+            def update(outcome: Outcome) -> None:
+                name_failure(outcome, show)
+                advance(failed)
+
+            yield update
+    except KeyboardInterrupt:
+        complain(f"trackfg: interrupted: {done} of {total} runs done. Hint: the same command goes on from there")
+        raise
+
+
+@contextmanager
+def _bar(total: int) -> Iterator[tuple[Callable[[str], None], Callable[[int], None]]]:
+    """Show a bar; give what prints a line above it, and what counts one run more, beside the number of failures."""
     from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 
-    rate, failures = TextColumn("{task.fields[rate]}"), TextColumn("[red]{task.fields[failures]}")
-    columns = (TextColumn("runs"), BarColumn(), MofNCompleteColumn(), rate, TimeRemainingColumn(), failures)
+    from trackfg.fleet.batch_progress import BatchState
+    from trackfg.report.numbers import duration
+
+    speed, failures = TextColumn("{task.fields[speed]}"), TextColumn("[red]{task.fields[failures]}")
+    columns = (TextColumn("runs"), BarColumn(), MofNCompleteColumn(), speed, failures)
+    began = time.time()
     with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
-        task = bar.add_task("runs", total=total, rate="", failures="")
+        task = bar.add_task("runs", total=total, speed="", failures="")
 
-        def update(outcome: Outcome) -> None:
-            name_failure(outcome, lambda text: bar.console.print(text, markup=False, style="red"))
+        def advance(failed: int) -> None:
             bar.advance(task)
-            elapsed = bar.tasks[0].elapsed or 0.0
-            rate = 60.0 * bar.tasks[0].completed / elapsed if elapsed else 0.0
-            bar.update(task, rate=f"{rate:.3g} a minute", failures=f"{failed} failed" if failed else "")
+            state = BatchState("", began, time.time(), total, int(bar.tasks[0].completed), failed)
+            speed = f"{state.runs_per_minute:.3g} a minute, {duration(state.remaining_s or 0.0)} left"
+            bar.update(task, speed=speed, failures=f"{failed} failed" if failed else "")
 
-        yield update
+        yield lambda text: bar.console.print(text, markup=False, style="red"), advance

@@ -115,6 +115,8 @@ def load(path: Path | str, limits: CheckLimits | None = None) -> LoadedRecording
     if isinstance(truth := read.parts.get("truth"), Truth):
         for file in truth.files:  # whether they are there; their content is not looked at
             findings += resolve_inside(folder, file)[1]
+    if read.description is not None:
+        findings += plausibility.start_doubts(read.description.start, toml.name)
     findings += plausibility.findings(read.parts, tables, toml.name, limits, gnss_origin)
     tables = {name: plausibility.of_this_run(tables.get("imu"), table, limits) for name, table in tables.items()}
     for name, table in tables.items():

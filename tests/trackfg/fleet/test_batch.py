@@ -293,6 +293,21 @@ def test_a_killed_batch_takes_its_processes_with_it(fleet: Fleet, stand_in: Stan
     assert fleet.why() == {"hang-1": "no result yet"}
 
 
+def test_an_interrupted_batch_says_how_far_it_came(fleet: Fleet, stand_in: StandIn) -> None:
+    for name in ("a", "hang-1"):
+        stand_in.recording(name)
+    fleet.write("recordings/a,7,,a", "recordings/hang-1,7,,hang-1")
+    command = [sys.executable, "-m", "trackfg", "batch", str(fleet.table), "-o", str(fleet.folder / "store")]
+    batch = subprocess.Popen([*command, "--jobs", "1"], stderr=subprocess.PIPE, text=True)
+    deadline = time.monotonic() + 60.0
+    while not any("hang" in command for command in running(fleet.folder)) and time.monotonic() < deadline:
+        time.sleep(0.05)
+    batch.send_signal(signal.SIGINT)
+    _, stderr = batch.communicate()
+    assert batch.returncode == 130
+    assert "trackfg: interrupted: 1 of 2 runs done. Hint: the same command goes on from there" in stderr
+
+
 def running(folder: Path) -> list[str]:
     """The processes that smooth a recording below a folder."""
     commands = []

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -486,6 +487,26 @@ def test_a_base_of_the_cross_level_below_the_gauge_is_a_warning(
     draft.toml["track"] = {"gauge_m": 1.435, "cross_level_base_m": base_m}
     found = doubts(draft, tmp_path / "rec")
     assert ("is 1.067 m, beside a gauge of 1.435 m" in found.get("track-size", "")) == doubtful
+
+
+@pytest.mark.parametrize(
+    ("start", "message"),
+    [
+        (datetime(1980, 1, 6, 0, 0, 12, tzinfo=UTC), "is 1980-01-06 00:00 UTC, which a clock shows that was not set"),
+        (datetime(2000, 1, 1, 1, 30), "is 2000-01-01 01:30 UTC, which a clock shows that was not set"),
+        (datetime(2945, 5, 1, tzinfo=UTC), "is 2945-05-01 00:00 UTC, which is to come"),
+        (datetime(2026, 5, 1, tzinfo=UTC), None),
+    ],
+)
+def test_a_date_that_no_run_has_is_a_warning(
+    draft: Draft, tmp_path: Path, start: datetime, message: str | None
+) -> None:
+    draft.toml["start"] = start
+
+    found = doubts(draft, tmp_path / "rec")
+
+    assert ("start-date" in found) == (message is not None)
+    assert (message or "") in found.get("start-date", "")
 
 
 def test_a_key_with_a_fault_is_not_called_absent(draft: Draft, tmp_path: Path) -> None:

@@ -107,7 +107,7 @@ def run_table(runs: pd.DataFrame, caption: str = "") -> PageTable:
                 run["run"],
                 f"{run['start']:%Y-%m-%d %H:%M}" if pd.notna(run["start"]) else NONE,
                 run["line"],
-                *(f"{1e-3 * run[name]:.3f}" if pd.notna(run[name]) else NONE for name in _ENDS),
+                *(f"{1e-3 * run[name]:z.3f}" if pd.notna(run[name]) else NONE for name in _ENDS),
                 run["status"],
                 why,
                 *(f"{run[name]:.0f}" if pd.notna(run[name]) else NONE for name in ("slips", "slides", "warnings")),
