@@ -104,7 +104,10 @@ def measure(
         gnss=None if plan.gnss is None else tables.gnss_description(origin, plan.gnss.antenna_m),
         laser=tuple(lasers.laser_description(model) for model in plan.lasers),
     )
-    parts = {key: tuple(one.part for one in group) for key, group in further.items()}
+    parts = {
+        key: tuple(one.part for one in group) if format_of(group[0].part).several else group[0].part
+        for key, group in further.items()
+    }
     recording = Recording(
         description=description.model_copy(update=parts),
         imu=tables.imu_table(0.5 * (edges[1:] + edges[:-1]), gyro, accel),

@@ -10,8 +10,15 @@ import numpy as np
 import pandas as pd
 
 from trackfg.numerics.arrays import Array
-from trackfg.recording.description import Fixes, Gnss, Imu, ImuNoise, Vector3
-from trackfg.recording.model import FIX_COLUMNS, GNSS_COLUMNS, IMU_COLUMNS, TACH_COLUMNS
+from trackfg.recording.description import RECEIVER_SPEED_SD_MPS, Fixes, Gnss, GnssSpeed, Imu, ImuNoise, Vector3
+from trackfg.recording.model import (
+    FIX_COLUMNS,
+    GNSS_COLUMNS,
+    GNSS_SPEED_COLUMNS,
+    GNSS_SPEED_TABLE,
+    IMU_COLUMNS,
+    TACH_COLUMNS,
+)
 
 TRAJECTORY_COLUMNS = ("t_s", "east_m", "north_m", "up_m", "speed_mps", "roll_rad", "pitch_rad", "yaw_rad")
 
@@ -88,6 +95,17 @@ def gnss_description(origin: Array | None = None, lever_arm_m: Vector3 = (0.0, 0
         origin=None if origin is None else (float(origin[0]), float(origin[1]), float(origin[2])),
         lever_arm_m=lever_arm_m,
     )
+
+
+def gnss_speeds(t_s: Array, speed_mps: Array, sd_mps: float = RECEIVER_SPEED_SD_MPS) -> dict[str, pd.DataFrame]:
+    """The ``gnss_speed`` table by its name, from times and speeds (n,), all with one sigma."""
+    return {GNSS_SPEED_TABLE: table(GNSS_SPEED_COLUMNS, t_s, speed_mps, np.full(len(t_s), sd_mps))}
+
+
+def gnss_speed_description() -> GnssSpeed:
+    """What ``recording.toml`` says of a canonical ``gnss_speed`` table."""
+    time, speed, sd = GNSS_SPEED_COLUMNS
+    return GnssSpeed(file="gnss_speed.parquet", time=time, column=speed, sd=sd)
 
 
 def fixes_description() -> Fixes:

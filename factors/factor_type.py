@@ -27,6 +27,7 @@ class FactorType(Enum):
     LANDMARK = "landmark"
     BALISE_PASSAGE = "balise passage"
     GNSS_POSITION = "GNSS position"
+    GNSS_SPEED = "GNSS speed"
     KNOWN_LINE = "known line"
     GRAVITY_TILT = "gravity tilt"
     PRIOR_NAV = "prior on nav"
@@ -44,8 +45,8 @@ class FactorType(Enum):
 
     @property
     def of_further_sensor(self) -> bool:
-        """Return whether it is a measurement of a further sensor (:mod:`trackfg.factors.further_sensors`)."""
-        return self in (FactorType.TACH_INCREMENT, FactorType.SPEED_DISTANCE)
+        """Return whether it has a further sensor's variable: it is of a tach, of a radar, or a receiver's speed."""
+        return self in (FactorType.TACH_INCREMENT, FactorType.SPEED_DISTANCE, FactorType.GNSS_SPEED)
 
     @property
     def stackable(self) -> bool:

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from trackfg.factors.states import Kind, Step
+from trackfg.factors.states import Kind, Step, offset_in_keyframe
 from trackfg.numerics.arrays import Array
 
 
@@ -25,6 +25,15 @@ class Slot:
         """The GTSAM keys, in factor order."""
         keys: list[int] = self.kind.keys(self.index).tolist()
         return keys
+
+
+def slot_columns(slot: Slot) -> np.ndarray:
+    """Return the columns of a slot's variable in a keyframe's tangent with the shared ones after it, (dim,).
+
+    All factors touch the same further sensor, if any.
+    """
+    which = int(slot.index[0]) if slot.kind is Kind.SENSOR else 0
+    return np.asarray(offset_in_keyframe(slot.kind) + slot.kind.dim * which + np.arange(slot.kind.dim))
 
 
 def first_keyframe(slots: Sequence[Slot], factors: int) -> np.ndarray:

@@ -5,13 +5,15 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+import pandas as pd
 
 from trackfg.datasets.scenario import Effect
 from trackfg.datasets.sensors.positioning import gauss_markov
 from trackfg.datasets.vehicle.random_spans import random_spans
 from trackfg.datasets.vehicle.ride import Ride
+from trackfg.numerics.arrays import Array
 from trackfg.numerics.spans import median_interval
-from trackfg.recording.model import Recording
+from trackfg.recording.model import GNSS_SPEED_TABLE, Recording
 
 FEWEST_FIXES = 5
 """With fewer fixes a wrong one cannot be identified with confidence: two may agree by chance."""
@@ -59,6 +61,11 @@ class ScatteredFixes(Effect):
 CANYON_S = (20.0, 60.0)
 """Shortest and longest stay between tall houses, s; the open stretches last :data:`OPEN_S` on average. Assumed."""
 OPEN_S = 40.0
+SPEED_PER_M = 0.04
+"""By what speeds err between houses, m/s, where positions err by 1 m: 95 % of a geodetic receiver's err by 0.24 m/s or
+less and of its positions by 6.8 m (Kingston, `tools/real_data_facts.py`)."""
+SPEED_CORRELATION_S = 2.0
+"""Correlation time of these errors, s: their autocorrelation is 0.4 after one second and 0.2 after three, there."""
 CORRELATION_S = 20.0
 """Correlation time of the multipath of a moving receiver among houses, s: tens of seconds. Assumed."""
 
@@ -67,7 +74,8 @@ CORRELATION_S = 20.0
 class Canyon(Effect):
     """Satellite positions that err by ``magnitude`` metres (horizontal rms) for tens of seconds, between houses.
 
-    Up errs by twice that of a horizontal axis. For the oracle: the sigmas include the errors, as if white.
+    Up errs by twice that of a horizontal axis, and the receiver's speeds by :data:`SPEED_PER_M` times as much. For the
+    oracle: the sigmas include the errors, as if white.
     """
 
     def recorded(self, recording: Recording, ride: Ride, rng: np.random.Generator) -> Recording:
@@ -77,9 +85,8 @@ class Canyon(Effect):
             return recording
         span_rng, error_rng = rng.spawn(2)
         t = gnss["t_s"].to_numpy()
-        shadowed = np.zeros(len(t), dtype=bool)
-        for start, end in t[0] + random_spans(1.0 / OPEN_S, CANYON_S, float(t[-1] - t[0]), span_rng):
-            shadowed |= (t >= start) & (t < end)
+        spans = t[0] + random_spans(1.0 / OPEN_S, CANYON_S, float(t[-1] - t[0]), span_rng)
+        shadowed = _within(t, spans)
         error = shadowed[:, None] * self.magnitude * np.sqrt([0.5, 0.5, 2.0])
         wandering = gauss_markov(len(t), float(np.exp(-median_interval(t) / CORRELATION_S)), error_rng)
         columns = {
@@ -87,7 +94,27 @@ class Canyon(Effect):
         }
         if self.for_oracle:
             columns |= {f"{axis}_sd_m": np.hypot(gnss[f"{axis}_sd_m"], error[:, i]) for i, axis in enumerate(_ENU)}
-        return replace(recording, gnss=gnss.assign(**columns))
+        others = recording.others
+        if GNSS_SPEED_TABLE in others:
+            speeds = self._among_houses(others[GNSS_SPEED_TABLE], spans, *rng.spawn(1))
+            others = {**others, GNSS_SPEED_TABLE: speeds}
+        return replace(recording, gnss=gnss.assign(**columns), others=others)
+
+    def _among_houses(self, speeds: pd.DataFrame, spans: Array, rng: np.random.Generator) -> pd.DataFrame:
+        """Return a receiver's speeds with their errors in spans (s, 2), s."""
+        t, speed, sd = speeds.to_numpy().T
+        phi = float(np.exp(-median_interval(t) / SPEED_CORRELATION_S))
+        size = _within(t, spans) * (self.magnitude * SPEED_PER_M)
+        wrong = np.abs(speed + size * gauss_markov(len(t), phi, rng)[:, 0])
+        return speeds.assign(speed_mps=wrong, speed_sd_mps=np.hypot(sd, size) if self.for_oracle else sd)
+
+
+def _within(t: Array, spans: Array) -> np.ndarray:
+    """Return which of the times (m,), s, are within half-open spans (s, 2), s."""
+    inside = np.zeros(len(t), dtype=bool)
+    for start, end in spans:
+        inside |= (t >= start) & (t < end)
+    return inside
 
 
 @dataclass(frozen=True)
@@ -99,4 +126,7 @@ class LateGnss(Effect):
         gnss = recording.gnss
         if gnss is None or self.for_oracle:
             return recording
-        return replace(recording, gnss=gnss.assign(t_s=gnss["t_s"] + self.magnitude))
+        speeds = {name: recording.others[name] for name in (GNSS_SPEED_TABLE,) if name in recording.others}
+        late = {name: table.assign(t_s=table["t_s"] + self.magnitude) for name, table in speeds.items()}
+        others = {**recording.others, **late}
+        return replace(recording, gnss=gnss.assign(t_s=gnss["t_s"] + self.magnitude), others=others)

@@ -53,8 +53,8 @@ _FILES = (
 )
 
 
-def load(folder: Path | str) -> RealRun:
-    """Return the segment in ``folder`` as a recording.
+def load(folder: Path | str, *, speeds: bool = False) -> RealRun:
+    """Return the segment in ``folder`` as a recording, on demand with the receiver's own speeds.
 
     Raises :class:`~trackfg.errors.BadInputError` where a file is missing.
     """
@@ -75,6 +75,7 @@ def load(folder: Path | str) -> RealRun:
             imu=tables.imu_description(NOISE, rigid=False),
             tach=Tach(file="tach.parquet", time="t_s", column="speed_mps", kind="speed", unit="m/s", scale_sd=0.02),
             gnss=tables.gnss_description(origin),
+            gnss_speed=tables.gnss_speed_description() if speeds else None,
         ),
         imu=tables.imu_table(imu_t - zero, gyro @ to_vehicle.T, accel @ to_vehicle.T),
         tach=tables.tach_table(tach_t, tables.integrated_speed(tach_t, rear_speed)),
@@ -82,6 +83,7 @@ def load(folder: Path | str) -> RealRun:
             gnss_t - zero, geodesy.geodetic_to_enu(fixes[:, [0, 1, 4]], origin), np.array(GNSS_SD_M)
         ),
         gnss_origin=origin,
+        others=tables.gnss_speeds(gnss_t - zero, fixes[:, 2]) if speeds else {},
     )
     return RealRun(recording, _reference(*pose, zero=zero, origin=origin, to_vehicle=to_vehicle))
 

@@ -56,13 +56,18 @@ _FILES = ("f_w_IMSseconds_dt.mat", "CarChip_Speed_interpolated.mat", "BESTPOS.ma
 
 
 def load(
-    folder: Path | str, gnss: Literal["BESTPOS", "BESTGPSPOS"] = "BESTPOS", *, centre_speed: bool = False
+    folder: Path | str,
+    gnss: Literal["BESTPOS", "BESTGPSPOS"] = "BESTPOS",
+    *,
+    centre_speed: bool = False,
+    speeds: bool = False,
 ) -> RealRun:
     """Return the drive in ``folder`` as a recording, with positions from the table ``gnss``.
 
     ``BESTPOS`` is the receiver's INS-aided position, ``BESTGPSPOS`` GPS alone (urban multipath, errors to 79 m) with
     its own sigmas. ``centre_speed`` adds half a step to every speed but zero, which undoes the cut-off; without it the
-    speed is as recorded, and the wheel's scale seems to depend on the speed. Raises
+    speed is as recorded, and the wheel's scale seems to depend on the speed. ``speeds``: with those of GPS alone,
+    BESTGPSVEL. Raises
     :class:`~trackfg.errors.BadInputError` where a file is missing or ``gnss`` is neither.
     """
     if gnss not in ("BESTPOS", "BESTGPSPOS"):
@@ -89,6 +94,7 @@ def load(
             imu=tables.imu_description(NOISE, LEVER_ARM_M, rigid=False),
             tach=Tach(file="tach.parquet", time="t_s", column="speed_mps", kind="speed", unit="m/s", scale_sd=0.02),
             gnss=tables.gnss_description(origin, LEVER_ARM_M),
+            gnss_speed=tables.gnss_speed_description() if speeds else None,
         ),
         imu=tables.imu_table(imu["IMU_second"] - zero - 0.5 * SAMPLE_S, _flu(imu["w"]), _flu(imu["f"])),
         tach=tables.tach_table(tach_t, tables.integrated_speed(tach_t, car_speed)),
@@ -96,8 +102,16 @@ def load(
             gnss_t, geodesy.geodetic_to_enu(geodetic, origin), np.array(BESTPOS_SD_M) if sd is None else sd
         ),
         gnss_origin=origin,
+        others=_speeds(Path(folder), zero) if speeds else {},
     )
     return RealRun(recording, _reference(ins, zero, origin))
+
+
+def _speeds(folder: Path, zero: float) -> dict[str, pd.DataFrame]:
+    """Return the table of the receiver's speeds by GPS alone."""
+    (path,) = existing_files(folder, ("BESTGPSVEL.mat",), "the folder 2008-06-23_Downtown_Kingston")
+    velocity = scipy.io.loadmat(path, squeeze_me=True)
+    return tables.gnss_speeds(velocity["BGV_second"] - zero, velocity["BGV_hor_spd"])
 
 
 def _reference(ins: dict[str, Any], zero: float, origin: Array) -> pd.DataFrame:

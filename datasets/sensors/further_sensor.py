@@ -22,7 +22,7 @@ class Measured(NamedTuple):
 
 
 class FurtherSensor(Protocol):
-    """A simulated sensor; ``key`` is the list of ``recording.toml`` that it is in."""
+    """A simulated sensor; ``key`` is the part or the list of ``recording.toml`` that it is in."""
 
     @property
     def key(self) -> str:

@@ -16,7 +16,7 @@ from trackfg.factors.checking import check_jacobians
 from trackfg.factors.factor_type import FactorType
 from trackfg.factors.family import Family
 from trackfg.factors.further_sensors import speed_distance, tach_increment
-from trackfg.factors.gnss import gnss_position
+from trackfg.factors.gnss import ReceiverSpeeds, gnss_position, gnss_speed
 from trackfg.factors.gravity import gravity_tilt
 from trackfg.factors.gtsam_bridge import custom_factors, with_frozen_chain
 from trackfg.factors.landmark import OnLine, across_line, along_line, balise_passage, landmark
@@ -61,6 +61,7 @@ def families(seed: int, loss: Loss | None = None) -> list[Family]:
         return so3_exp(0.3 * normal(m, 3))
 
     n, f, lever = KEYFRAMES, KEYFRAMES - 1, normal(3)
+    speeds = ReceiverSpeeds(normal(n), normal(n), normal(n, 3), normal(n, 3), sigma(n, 1))
 
     def rail_pairs(lead: np.ndarray, start: np.ndarray) -> tuple[Family, Family]:
         m = len(lead)
@@ -91,6 +92,7 @@ def families(seed: int, loss: Loss | None = None) -> list[Family]:
         landmark(first, rng.uniform(0.0, 1.0, f), normal(f), sigma(f, 1), loss),
         balise_passage(all_k, normal(n), all_k % 3, 0, sigma(n, 1), loss),
         gnss_position(all_k, normal(n, 3), lever, normal(n), sigma(n, 3), loss),
+        gnss_speed(all_k, 1, speeds, lever, sigma(n, 1), loss),
         across_line(OnLine(all_k, normal(n, 2), normal(n, 2)), lever, sigma(n, 1), loss),
         along_line(
             OnLine(first, normal(f, 2), normal(f, 2)),

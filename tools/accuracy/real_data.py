@@ -60,6 +60,7 @@ def score_kingston(folder: Path) -> None:
     _report_kingston("the same without Earth rotation", replace(run, recording=still), ends(still), ADAPT)
     _report_kingston("one position every 300 s besides [2.3]", run, every(run.recording, 300.0), ADAPT)
 
+    _receiver_speeds(folder)
     gps = kingston.load(folder, gnss="BESTGPSPOS", centre_speed=True)
     everything = np.ones(len(gps.recording.gnss), dtype=bool)
     correlated = ADAPT.model_copy(update={"position": MULTIPATH})
@@ -71,6 +72,28 @@ def score_kingston(folder: Path) -> None:
     _report_kingston("GPS only, not robust", gps, everything, blunt)
 
 
+def _receiver_speeds(folder: Path) -> None:
+    """Print what a receiver's speeds add, with a wheel and without one."""
+    for tach in (True, False):
+        wheel = "wheel" if tach else "no wheel"
+        for speeds in (False, True):
+            label = f"{wheel}, {'receiver' if speeds else 'no receiver'}'s speeds"
+            gps = kingston.load(folder, gnss="BESTGPSPOS", centre_speed=True, speeds=speeds)
+            survey = kingston.load(folder, centre_speed=True, speeds=speeds)
+            if not tach:
+                gps, survey = without_tach(gps), without_tach(survey)
+            assert gps.recording.gnss is not None
+            everything = np.ones(len(gps.recording.gnss), dtype=bool)
+            _report_kingston(f"GPS only; {label}", gps, everything, ADAPT)
+            _report_kingston(f"positions at both ends; {label}", survey, ends(survey.recording), ADAPT)
+
+
+def without_tach(run: RealRun) -> RealRun:
+    """Return the run without its tach."""
+    description = run.recording.description.model_copy(update={"tach": None})
+    return replace(run, recording=replace(run.recording, tach=None, description=description))
+
+
 def _report_kingston(label: str, run: RealRun, kept: np.ndarray, config: SmoothConfig) -> None:
     gnss = run.recording.gnss
     assert gnss is not None
@@ -80,8 +103,6 @@ def _report_kingston(label: str, run: RealRun, kept: np.ndarray, config: SmoothC
         reference = reference[(reference["t_s"] > 660.0) & (reference["t_s"] < gnss["t_s"].max() - 60.0)]
     errors = horizontal_errors(result.trajectory, reference, kingston.LEVER_ARM_M)
     summary = result.summary
-    assert summary.wheel_scale is not None
-    assert summary.clock_offset_s is not None
     roll, pitch, yaw = (_angle_error(result, reference, name) for name in ("roll_rad", "pitch_rad", "yaw_rad"))
     bias, sd = summary.gyro_bias_radps.value[2], summary.gyro_bias_radps.sd[2]
     ratio = float(np.sqrt(np.mean(errors["error_m"] ** 2) / np.mean(errors["sd_m"] ** 2)))
@@ -92,17 +113,26 @@ def _report_kingston(label: str, run: RealRun, kept: np.ndarray, config: SmoothC
         f"  roll sd {np.degrees(roll.std()):.3f} deg, pitch sd {np.degrees(pitch.std()):.3f} deg [0.05], "
         f"yaw rms {np.degrees(rms(yaw)):.2f} deg [0.4]"
     )
+    wheel = ""
+    if summary.wheel_scale is not None and summary.clock_offset_s is not None:
+        wheel = (
+            f"wheel scale {summary.wheel_scale.value:.4f} +- {summary.wheel_scale.sd:.4f}, "
+            f"tach clock {summary.clock_offset_s.value:+.3f} s, "
+        )
     print(
-        f"  wheel scale {summary.wheel_scale.value:.4f} +- {summary.wheel_scale.sd:.4f}, "
-        f"vertical gyro bias {bias / DEG_PER_H:.1f} +- {sd / DEG_PER_H:.1f} deg/h, "
-        f"tach clock {summary.clock_offset_s.value:+.3f} s; {summary.solver.iterations} iterations, "
+        f"  {wheel}vertical gyro bias {bias / DEG_PER_H:.1f} +- {sd / DEG_PER_H:.1f} deg/h; "
+        f"{summary.solver.iterations} iterations, "
         f"{summary.reason}"
     )
 
 
 def score_comma2k19(folder: Path) -> None:
     """GNSS for the first 5 s only."""
-    run = comma2k19.load(folder)
+    for speeds in (False, True):
+        _score_comma2k19(comma2k19.load(folder, speeds=speeds), ", with the receiver's speeds" if speeds else "")
+
+
+def _score_comma2k19(run: RealRun, with_speeds: str) -> None:
     gnss = run.recording.gnss
     assert gnss is not None
     print()
@@ -115,7 +145,7 @@ def score_comma2k19(folder: Path) -> None:
         assert summary.wheel_scale is not None
         assert summary.clock_offset_s is not None
         print(
-            f"comma2k19, GNSS for the first {seconds:g} s: final error {last:.2f} m = "
+            f"comma2k19, GNSS for the first {seconds:g} s{with_speeds}: final error {last:.2f} m = "
             f"{100 * last / summary.distance_m:.2f} % of {summary.distance_m:.0f} m [aim 0.5 %], sigma {sd:.1f} m; "
             f"wheel scale {summary.wheel_scale.value:.4f} +- {summary.wheel_scale.sd:.4f}, tach clock "
             f"{1e3 * summary.clock_offset_s.value:+.1f} +- {1e3 * summary.clock_offset_s.sd:.1f} ms"

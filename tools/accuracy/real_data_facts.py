@@ -86,6 +86,7 @@ def kingston_facts(folder: Path) -> None:
     step = np.median(steps[np.abs(steps - 1.017) < 0.003])
     print(f"  a step of 1 km/h shows as {step:.4f} km/h per second: a sample every {1 / step:.5f} s")
     _car_speed(run)
+    _receiver_speeds(kingston.load(folder, gnss="BESTGPSPOS", speeds=True))
 
 
 def _car_speed(run: RealRun) -> None:
@@ -131,7 +132,8 @@ def _car_speed(run: RealRun) -> None:
 def comma_facts(folder: Path) -> None:
     """Clocks and scales against the pose."""
     print("comma2k19")
-    run = comma2k19.load(folder)
+    run = comma2k19.load(folder, speeds=True)
+    _receiver_speeds(run)
     recording, reference = run.recording, run.reference
     tach, gnss = recording.tach, recording.gnss
     assert tach is not None
@@ -226,6 +228,37 @@ def _density(samples: Array, averaged: int, interval_s: float) -> Array:
     blocks = samples[: len(samples) // averaged * averaged].reshape(-1, averaged, samples.shape[1]).mean(axis=1)
     allan = np.sqrt(0.5 * np.mean(np.diff(blocks, axis=0) ** 2, axis=0))
     return np.asarray(allan * np.sqrt(averaged * interval_s))
+
+
+def _receiver_speeds(run: RealRun) -> None:
+    """Print how a receiver's speeds and positions differ from the reference, and when they fit it best."""
+    assert run.recording.gnss is not None
+    speeds, reference = run.recording.others["gnss_speed"], run.reference
+
+    def errors(shift: float) -> tuple[Array, Array]:
+        t = speeds["t_s"].to_numpy() + shift
+        inside = (t > reference["t_s"].iloc[0]) & (t < reference["t_s"].iloc[-1])
+        true = np.interp(t[inside], reference["t_s"], reference["speed_mps"])
+        return true, speeds["speed_mps"].to_numpy()[inside] - true
+
+    def usual(shift: float) -> float:
+        true, error = errors(shift)
+        return float(np.median(np.abs(error[true > 1.0])))
+
+    shifts = np.arange(-0.5, 0.51, 0.02)
+    print(f"  the receiver's speeds fit best {-1e3 * shifts[np.argmin([usual(s) for s in shifts])]:+.0f} ms late")
+    true, error = errors(0.0)
+    shares = np.percentile(np.abs(error[true > 1.0]), [50, 68, 95, 99])
+    print(f"  their errors above 1 m/s: {shares} m/s or less in 50, 68, 95, 99 %")
+    ranges = [(true >= low) & (true < high) for low, high in ((0.5, 2.0), (2.0, 4.0), (4.0, 8.0), (8.0, np.inf))]
+    medians = [float(np.median(error[inside])) for inside in ranges if inside.sum() > 20]
+    print(f"  medians by ranges of speed: {np.round(medians, 4)} m/s")
+    left = np.clip(error[true > 2.0], -1.0, 1.0)
+    left = left - left.mean()
+    lasting = [float(np.mean(left[:-k] * left[k:]) / np.mean(left**2)) for k in (1, 2, 3, 5, 10)]
+    print(f"  autocorrelation after 1, 2, 3, 5, 10 rows: {np.round(lasting, 2)}")
+    off = np.linalg.norm(_gnss_error(run.recording.gnss, reference, 0.0)[:, :2], axis=1)
+    print(f"  positions: {np.percentile(off, [50, 95])} m or less in 50, 95 %")
 
 
 def _gnss_error(gnss: pd.DataFrame, reference: pd.DataFrame, shift: float) -> Array:

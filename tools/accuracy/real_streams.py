@@ -5,7 +5,7 @@ horizontal, of filtered rows and of those after the lag, with the ratio of their
 share beyond 4 sigmas. All positions are used. What the stream itself says of its sigmas stands below. KITTI's reference
 are the positions themselves, at times plus the offset of the clock that the stream ends with, 0.06 s.
 
-    python tools/real_streams.py [--data ../shared/data] [--lag 10 20]
+    python tools/real_streams.py [--data ../shared/data] [--lag 10 20] [--speeds]
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ from pathlib import Path
 import numpy as np
 from streaming.run_tables import tables_of
 
+from accuracy.real_data import without_tach
 from trackfg.datasets.real import comma2k19, kingston, kitti
 from trackfg.datasets.real.real_run import RealRun
 from trackfg.evaluation.outages import horizontal_errors
@@ -31,14 +32,20 @@ _BEYOND = 4.0
 """Errors beyond so many sigmas are counted."""
 
 
-def drives(folder: Path) -> Iterator[tuple[str, RealRun]]:
-    """Yield the name of each drive that is there, and the drive."""
+def drives(folder: Path, *, speeds: bool = False) -> Iterator[tuple[str, RealRun]]:
+    """Yield the name of each drive that is there, and the drive; with its receiver's ``speeds`` those that have them,
+    also without their tach.
+    """
     if (folder / "kingston").is_dir():
         for gnss in ("BESTGPSPOS", "BESTPOS"):
-            yield f"Kingston, {gnss}", kingston.load(folder / "kingston", gnss=gnss, centre_speed=True)
+            run = kingston.load(folder / "kingston", gnss=gnss, centre_speed=True, speeds=speeds)
+            yield f"Kingston, {gnss}", run
     if (folder / "comma2k19").is_dir():
-        yield "comma2k19", comma2k19.load(folder / "comma2k19")
-    yield "KITTI", kitti.load()
+        run = comma2k19.load(folder / "comma2k19", speeds=speeds)
+        yield "comma2k19", run
+        yield "comma2k19, no wheel", without_tach(run)
+    if not speeds:
+        yield "KITTI", kitti.load()
 
 
 def score(name: str, run: RealRun, lag_s: float) -> None:
@@ -67,9 +74,10 @@ def main() -> None:
     default = Path(__file__).resolve().parents[3] / "shared" / "data"
     parser.add_argument("--data", type=Path, default=default, help="folder with kingston/ and comma2k19/")
     parser.add_argument("--lag", type=float, nargs="+", default=[10.0], help="seconds (default: 10)")
+    parser.add_argument("--speeds", action="store_true", help="with the receivers' own speeds")
     arguments = parser.parse_args()
     print("| drive | lag, s | after the lag: error, m (over sigma, beyond 4) | filtered |")
     print("|---|---|---|---|")
-    for name, run in drives(arguments.data):
+    for name, run in drives(arguments.data, speeds=arguments.speeds):
         for lag_s in arguments.lag:
             score(name, run, lag_s)

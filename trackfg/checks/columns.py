@@ -18,6 +18,7 @@ from trackfg.recording.findings import Finding, Level
 from trackfg.recording.model import (
     FIX_COLUMNS,
     GNSS_COLUMNS,
+    GNSS_SPEED_COLUMNS,
     IMU_COLUMNS,
     LASER_COLUMNS,
     SPEED_COLUMNS,
@@ -27,18 +28,23 @@ from trackfg.recording.model import (
 
 LARGEST = 1e12
 """In any unit that a column may have; times are in s here."""
-SMALLEST_SIGMA_M = 1e-9
-"""No place is known to a nanometre. The square of its reciprocal, a weight, is far from any limit of a number."""
+SMALLEST_SIGMA = 1e-9
+"""No place is known to a nanometre, and no speed to one in a second. The square of its reciprocal, a weight, is far
+from any limit of a number."""
 
 _IN_MEMORY = {
     "imu": IMU_COLUMNS,
     "tach": TACH_COLUMNS,
     "fixes": FIX_COLUMNS,
     "gnss": GNSS_COLUMNS,
+    "gnss_speed": GNSS_SPEED_COLUMNS,
     "speed": SPEED_COLUMNS,
     "laser": LASER_COLUMNS,
 }
 """The columns of each kind of table in memory; the time is the first."""
+
+_SIGMA_UNITS = {"m": "m", "mps": "m/s"}
+"""Units of sigmas in memory, by the end of the column's name."""
 
 
 @dataclass(frozen=True)
@@ -130,13 +136,14 @@ def gaps(t: Array, place: ColumnPlace, warning_s: float, error_s: float | None) 
     return [replace(place, t=t).at_row(longest + 1, "gap", message, expected, hint, level)]
 
 
-def unusable_sigmas(sd: Array, place: ColumnPlace) -> list[Finding]:
-    """Sigmas that are zero or negative, or too small for any place; one finding for each kind."""
-    hint = "write the 1-sigma error in m"
-    tiny, expected = (sd > 0) & (sd < SMALLEST_SIGMA_M), f"{SMALLEST_SIGMA_M:g} m or more"
+def unusable_sigmas(sd: Array, place: ColumnPlace, unit: str = "m") -> list[Finding]:
+    """Sigmas that are zero or negative, or too small for any place or speed; one finding for each kind."""
+    hint = f"write the 1-sigma error in {unit}"
+    tiny, expected = (sd > 0) & (sd < SMALLEST_SIGMA), f"{SMALLEST_SIGMA:g} {unit} or more"
+    of_nothing = f"a sigma that no {'place' if unit == 'm' else 'speed'} has"
     return [
         *place.at_first_value(sd, sd <= 0, "bad-sigma", "a sigma that is zero or negative", "a number above 0", hint),
-        *place.at_first_value(sd, tiny, "bad-sigma", "a sigma that no place has", expected, hint),
+        *place.at_first_value(sd, tiny, "bad-sigma", of_nothing, expected, hint),
     ]
 
 
@@ -159,6 +166,13 @@ def negative_speed(speed: Array, place: ColumnPlace, sensor: str = "tach") -> li
     hint = f"set {sensor}.signed = true if the vehicle rolled back"
     expected = f"a speed of zero or more, as {sensor}.signed = false"
     return place.at_first_value(speed, speed < 0, *_BACKWARDS[sensor], expected, hint)
+
+
+def negative_magnitude(speed: Array, place: ColumnPlace) -> list[Finding]:
+    """Speeds below zero of a receiver, which tells a magnitude."""
+    hint = "leave the cell empty where the receiver has no speed"
+    message, expected = "a receiver's speed below zero", "a speed of zero or more"
+    return place.at_first_value(speed, speed < 0, "negative-speed", message, expected, hint)
 
 
 def outside(values: Array, low: float, high: float, place: ColumnPlace) -> list[Finding]:
@@ -221,5 +235,6 @@ def _table_faults(file: str, table: pd.DataFrame, names: tuple[str, ...]) -> lis
     for name in names:
         values, place = table[name].to_numpy(dtype=np.float64, na_value=np.nan), ColumnPlace(file, name, t)
         found += not_finite(values, place)
-        found += unusable_sigmas(values, place) if name.endswith("_sd_m") else []
+        _, is_sigma, unit = name.rpartition("_sd_")
+        found += unusable_sigmas(values, place, _SIGMA_UNITS[unit]) if is_sigma else []
     return found if found else not_increasing(t, ColumnPlace(file, names[0]))

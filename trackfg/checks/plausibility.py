@@ -20,7 +20,7 @@ from trackfg.checks.limits import CheckLimits
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.units import STANDARD_GRAVITY, known_units, to_si
 from trackfg.recording.canonical import imu_rotation
-from trackfg.recording.description import Imu, Laser, Speed, Table, Tach, Track
+from trackfg.recording.description import GnssSpeed, Imu, Laser, Speed, Table, Tach, Track
 from trackfg.recording.findings import Finding, Level, Section
 from trackfg.recording.strict_model import Model
 from trackfg.sensors.averages import Motion, averaged
@@ -262,7 +262,9 @@ def _gyro_unit(imu: Imu, motion: Motion, limits: CheckLimits) -> list[Finding]:
     )
 
 
-def speed_findings(code: str, speed: Array, part: Tach | Speed, hint: str, limits: CheckLimits) -> list[Finding]:
+def speed_findings(
+    code: str, speed: Array, part: Tach | Speed | GnssSpeed, hint: str, limits: CheckLimits
+) -> list[Finding]:
     """Return a finding where one in a hundred speeds (n,), m/s, is beyond any vehicle."""
     fastest = float(np.quantile(np.abs(speed), 0.99)) if speed.size else 0.0
     if fastest <= limits.speed_error_mps:

@@ -13,6 +13,7 @@ gets no weight and gravity tilt factors carry the samples instead, with a sigma 
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -95,8 +96,8 @@ class Problem(KeyFigures):
     biases, shape (dim,)."""
     withheld: tuple[Family, ...] = ()
     """Measurements that are taken for wrong: no part of the graph, but their residuals are reported."""
-    gnss_level: Array | None = None
-    """Level of the errors of GNSS that its sigmas were widened for, over the declared ones, shape (m, 3)."""
+    gnss_level: Mapping[FactorType, Array] = field(default_factory=dict)
+    """Level of the errors of GNSS that its sigmas were widened for, over the declared ones, by type, shape (m, d)."""
 
     def key_figures(self) -> dict[str, str]:
         """Return the number of keyframes, the time that they span, and the number of factors of each type."""

@@ -1,4 +1,4 @@
-"""The factors of further sensors of distance and speed: what a recording has besides its first tach.
+"""The factors of further sensors of distance and speed: what a recording has besides its first tach and positions.
 
 Each sensor has one ``SENSOR`` variable, in the order of the description. What a sensor of the speed over ground
 measured between two keyframes is integrated (trapezoid rule); with white noise of sigma s in rows dt apart it is known
@@ -26,14 +26,15 @@ from trackfg.factors.further_sensors import speed_distance, tach_increment
 from trackfg.factors.loss import SwitchChain
 from trackfg.factors.prior import prior
 from trackfg.factors.states import Kind
+from trackfg.graph.gnss_speeds import OFFSET_SD_MPS, gnss_speeds
 from trackfg.graph.inputs import GraphInputs
 from trackfg.graph.odometry import creep_variance, response_of_wheels
 from trackfg.graph.wheel_slip import rolling
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.spans import median_interval
 from trackfg.recording.canonical import pulse_m
-from trackfg.recording.description import FurtherTach, RecordingDescription, Speed, Table, Tach
-from trackfg.recording.model import TACH_COLUMNS, Recording
+from trackfg.recording.description import FurtherTach, GnssSpeed, RecordingDescription, Speed, Table, Tach
+from trackfg.recording.model import GNSS_SPEED_TABLE, TACH_COLUMNS, Recording
 from trackfg.sensors.tach import SPEED_NOISE_MPS, Wheel, longest_silence_s, read_resolution
 
 BEFORE_S = 1.0
@@ -71,11 +72,7 @@ class FurtherSensor(NamedTuple):
 
 def further_sensors(description: RecordingDescription) -> list[FurtherSensor]:
     """Return the further sensors in the order of their variables."""
-    named = [
-        (f"{kind.table}/{number}", part, kind)
-        for kind in KINDS
-        for number, part in enumerate(getattr(description, kind.key), start=kind.first)
-    ]
+    named = [(name, part, kind) for kind in KINDS for name, part in kind.described(description)]
     return [FurtherSensor(name, part, index, kind) for index, (name, part, kind) in enumerate(named)]
 
 
@@ -87,9 +84,9 @@ def sensor_priors(description: RecordingDescription, config: SmoothConfig) -> It
 
 
 def measures_speed(recording: Recording) -> bool:
-    """Return whether a sensor of the speed over ground has rows."""
-    sensors = further_sensors(recording.description)
-    return any(len(recording.others.get(one.name, ())) > 1 for one in sensors if isinstance(one.part, Speed))
+    """Return whether a sensor of the speed over ground, or the receiver, has speeds."""
+    speeds = [one for one in further_sensors(recording.description) if isinstance(one.part, Speed | GnssSpeed)]
+    return any(len(recording.others.get(one.name, ())) > 1 for one in speeds)
 
 
 def with_distance_by_speed(recording: Recording) -> Recording:
@@ -216,6 +213,10 @@ def _heard(t: Array, at: Array, longest_s: float) -> np.ndarray:
     return heard
 
 
+def _receiver(inputs: GraphInputs, sensor: FurtherSensor) -> Family:
+    return gnss_speeds(inputs, sensor.variable)
+
+
 def _tach_prior_sd(part: Table, config: SmoothConfig) -> tuple[float, float]:
     """Scale, and the clock's offset, s."""
     assert isinstance(part, FurtherTach)
@@ -228,11 +229,16 @@ def _speed_prior_sd(part: Table, config: SmoothConfig) -> tuple[float, float]:
     return part.scale_sd, float(np.radians(part.yaw_sd_deg))
 
 
+def _receiver_prior_sd(part: Table, config: SmoothConfig) -> tuple[float, float]:
+    """Offset of the speeds, m/s, and of their stamps, s."""
+    return OFFSET_SD_MPS, config.position.gnss_clock_offset_sd_s
+
+
 class SensorKind(NamedTuple):
     """A kind of further sensor.
 
-    ``key`` is the list of the description that it is in; its tables are called ``table``, a slash, and a number from
-    ``first``. ``prior_sd`` gives the sigmas of its variable, ``family`` its factors, with its table's name as label.
+    ``key`` is where the description has it, alone or in a list; tables of a list are called ``table``, a slash, and a
+    number from ``first``. ``prior_sd`` gives the sigmas of its variable, ``family`` its factors.
     """
 
     key: str
@@ -241,9 +247,17 @@ class SensorKind(NamedTuple):
     prior_sd: Callable[[Table, SmoothConfig], tuple[float, float]]
     family: Callable[[GraphInputs, FurtherSensor], Family]
 
+    def described(self, description: RecordingDescription) -> list[tuple[str, Table]]:
+        """Return the name of each such sensor's table, and its part of the description."""
+        parts = getattr(description, self.key)
+        if isinstance(parts, tuple):
+            return [(f"{self.table}/{number}", part) for number, part in enumerate(parts, start=self.first)]
+        return [] if parts is None else [(self.table, parts)]
+
 
 KINDS = (
     SensorKind("speed", "speed", 1, _speed_prior_sd, _speed),
     SensorKind("further_tach", "tach", 2, _tach_prior_sd, _tach),
+    SensorKind(GNSS_SPEED_TABLE, GNSS_SPEED_TABLE, 1, _receiver_prior_sd, _receiver),
 )
 """All kinds, in the order of their variables."""

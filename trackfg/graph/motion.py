@@ -41,7 +41,7 @@ def along_track(inputs: GraphInputs) -> list[Family]:
     huber = Huber(config.robust_width)
     return [
         _path(inputs, huber),
-        non_holonomic(k, _angular_rate(inputs), inputs.lever_arm, sigma, huber),
+        non_holonomic(k, angular_rates(inputs), inputs.lever_arm, sigma, huber),
     ]
 
 
@@ -84,6 +84,6 @@ def _rolled(inputs: GraphInputs, t: Array) -> Array:
     return inputs.distance_at(t)
 
 
-def _angular_rate(inputs: GraphInputs) -> Array:
+def angular_rates(inputs: GraphInputs) -> Array:
     """Return the body rate at the keyframes: the gyro's mean around them, less the initial bias."""
     return means_around(inputs.t, RATE_WINDOW_S, inputs.data.edges, inputs.data.gyro) - inputs.path.bias(inputs.t)

@@ -8,7 +8,7 @@ from dataclasses import replace
 from trackfg.recording.description import Gnss
 from trackfg.recording.findings import Finding
 
-_CODES = {"gnss-clock", "gnss-delay", "gnss-level", "fixes-withheld"}
+_CODES = {"gnss-clock", "gnss-delay", "gnss-level", "gnss-speed-clock", "fixes-withheld"}
 _CLOCK_OF_A_TACH = ("tach-", "-clock")
 
 _HINT = "declare gnss.lever_arm_m if the antenna is not at the reference point"

@@ -234,6 +234,11 @@ class Balises(Table):
         return (self.file,) if self.places is None else (self.file, self.places)
 
 
+RECEIVER_SPEED_SD_MPS = 0.1
+"""1-sigma of a receiver's speed where nothing is declared, m/s: a geodetic one in streets errs by 0.073 m/s or less in
+68 % of rows (Kingston, `tools/real_data_facts.py`), a u-blox NEO-M8 by 0.05 m/s or less in 50 % (its data sheet)."""
+
+
 class Gnss(Table):
     """Satellite positions: latitude, longitude, height (``frame = "geodetic"``) or east, north, up (``"local"``).
 
@@ -246,6 +251,20 @@ class Gnss(Table):
     frame: Literal["geodetic", "local"] = "geodetic"
     origin: tuple[Latitude, Longitude, Height] | None = None
     lever_arm_m: tuple[Place, Place, Place] = (0.0, 0.0, 0.0)
+
+
+class GnssSpeed(Table):
+    """Speeds over ground of the satellite receiver, from Doppler shifts: a magnitude, of the antenna of ``[gnss]``.
+
+    ``sd`` is the column of their sigmas, in the same unit; without it all have ``sd_mps``, by default
+    :data:`RECEIVER_SPEED_SD_MPS`. Where the receiver gives none, rows are missing or empty. Its time has an offset of
+    its own: a receiver filters speeds, and they are later than its positions.
+    """
+
+    column: str
+    unit: Literal["m/s", "km/h"] = "m/s"
+    sd: str | None = None
+    sd_mps: Sd = RECEIVER_SPEED_SD_MPS
 
 
 class Speed(Table):
@@ -319,6 +338,7 @@ class RecordingDescription(Model):
     fixes: Fixes | None = None
     balises: Balises | None = None
     gnss: Gnss | None = None
+    gnss_speed: GnssSpeed | None = None
     speed: Annotated[tuple[Speed, ...], Field(max_length=MOST_OF_A_KIND)] = ()
     laser: Annotated[tuple[Laser, ...], Field(max_length=MOST_OF_A_KIND)] = ()
     known_line: KnownLineFile | None = None

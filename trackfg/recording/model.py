@@ -12,7 +12,8 @@ table       columns
 ``fixes``   ``t_s, chainage_m, chainage_sd_m``
 ``balises``  ``t_s, id, chainage_m, chainage_sd_m``: passages, with the place that is planned, NaN where none is known
 ``gnss``    ``t_s, east_m, north_m, up_m, east_sd_m, north_sd_m, up_sd_m``, ENU tangent at ``gnss_origin``
-``others``  by name, ``"speed/1"``: ``t_s, speed_mps``, without rows where the sensor says nothing
+``others``  by name, ``"speed/1"``: ``t_s, speed_mps``, without rows where the sensor says nothing;
+            ``"gnss_speed"``: ``t_s, speed_mps, speed_sd_mps``, likewise
 ``lasers``  by name: ``t_s, displacement_m``
 ==========  =====================================================================================================
 
@@ -48,6 +49,10 @@ GNSS_COLUMNS = ("t_s", "east_m", "north_m", "up_m", "east_sd_m", "north_sd_m", "
 LASER_COLUMNS = ("t_s", "displacement_m")
 
 SPEED_COLUMNS = ("t_s", "speed_mps")
+GNSS_SPEED_COLUMNS = ("t_s", "speed_mps", "speed_sd_mps")
+
+GNSS_SPEED_TABLE = "gnss_speed"
+"""The table of a satellite receiver's speeds, among the others."""
 
 LASER_TABLE = "laser/"
 """The table of a laser is called so, and by the laser's name."""

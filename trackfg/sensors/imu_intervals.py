@@ -107,8 +107,16 @@ def means_around(t: Array, width_s: float, edges: Array, samples: Array) -> Arra
         means = np.empty((len(t), 3))
         compiled.means_around(kernel_argument(t), width_s, kernel_argument(edges), kernel_argument(samples), means)
         return means
-    ends = np.clip([t - 0.5 * width_s, t + 0.5 * width_s], edges[0], edges[-1])
-    durations, integral, out = np.diff(edges), np.zeros(len(edges)), np.empty((len(t), 3))
+    return means_between(t - 0.5 * width_s, t + 0.5 * width_s, edges, samples)
+
+
+def means_between(begin: Array, end: Array, edges: Array, samples: Array) -> Array:
+    """Means of the samples (n, 3) between ``edges`` (n + 1,) from each ``begin`` (m,), s, to its ``end``, likewise.
+
+    Shape (m, 3).
+    """
+    ends = np.clip([begin, end], edges[0], edges[-1])
+    durations, integral, out = np.diff(edges), np.zeros(len(edges)), np.empty((len(begin), 3))
     for axis in range(3):
         np.cumsum(samples[:, axis] * durations, out=integral[1:])
         at_begin, at_end = np.interp(ends, edges, integral)

@@ -118,47 +118,81 @@ FEWEST = 10
 _NAMED = 3
 """So many spans are named in a finding; the report shows all."""
 
-_HELD_OTHERS = Finding(
-    "info",
-    "gnss-holds",
-    "positions differ from dead reckoning, and the more the less weight they have: it is not they that err most",
-    hint="declare noise and calibration of the IMU, and scale_sd of the tach, as large as they are",
-)
 
-_GROUPS = (slice(0, 2), slice(2, 3))
-"""The columns of horizontal and of vertical residuals."""
+class _Judged(NamedTuple):
+    """What is judged: the type of its factors, the name of their group, and what findings call them and advise."""
+
+    type: FactorType
+    group: str
+    code: str
+    name: str
+    hint: str
+
+    @property
+    def held_others(self) -> Finding:
+        """The finding that all else errs more."""
+        message = "differ from dead reckoning, and the more the less weight they have: it is not they that err most"
+        hint = "declare noise and calibration of the IMU, and scale_sd of the tach, as large as they are"
+        return Finding("info", f"{self.code}-holds", f"{self.name} {message}", hint=hint)
+
+
+_POSITIONS = _Judged(
+    FactorType.GNSS_POSITION,
+    "gnss",
+    "gnss",
+    "positions",
+    "the sigmas were widened; declare what the receiver is worth, errors that last included, and where its antenna "
+    "is (gnss.lever_arm_m)",
+)
+_SPEEDS = _Judged(
+    FactorType.GNSS_SPEED,
+    "gnss speed",
+    "gnss-speed",
+    "speeds",
+    "the sigmas were widened; check gnss_speed.unit, and declare what the receiver's speeds are worth",
+)
 
 
 class GnssErrors(NamedTuple):
-    """What is seen at each of m positions, over the declared sigmas: ``level`` (m, 3) and ``correlation`` C (m,)."""
+    """What is seen at each of m measurements, over the declared sigmas: ``level`` (m, d) and ``correlation`` C (m,)."""
 
     level: Array
     correlation: Array
 
     @property
     def factor(self) -> Array:
-        """The factor on the declared sigmas, (m, 3)."""
+        """The factor on the declared sigmas, (m, d)."""
         return np.asarray(self.level * np.sqrt(self.correlation)[:, None])
 
 
 def gnss_errors(run: SolvedRun) -> Reassessment:
     """Reassess the sigmas of GNSS positions by their residuals."""
+    return _reassessed(run, _POSITIONS)
+
+
+def gnss_speed_errors(run: SolvedRun) -> Reassessment:
+    """Reassess the sigmas of a receiver's speeds by their residuals."""
+    return _reassessed(run, _SPEEDS)
+
+
+def _reassessed(run: SolvedRun, judged: _Judged) -> Reassessment:
     problem = run.problem
-    family, declared = problem.family(FactorType.GNSS_POSITION), run.declared.family(FactorType.GNSS_POSITION)
+    family, declared = problem.family(judged.type), run.declared.family(judged.type)
     if family is None or declared is None or family.loss is None or len(family) < FEWEST:
         return Reassessment(problem)
     ratios = run.noise_ratios
-    if np.array_equal(family.sigma, declared.sigma) and others_are_worse(ratios, ratios.get("gnss", 1.0)):
+    if np.array_equal(family.sigma, declared.sigma) and others_are_worse(ratios, ratios.get(judged.group, 1.0)):
         return Reassessment(problem)
     states = run.solution.states
     t = problem.t[family.slots[0].index] + family.data["delay"][:, 0]
     residual, followed = predicted(family, states, run.covariance)
     in_sigmas = residual / declared.sigma
-    if problem.gnss_level is not None and have_grown(in_sigmas, problem.gnss_level):
-        return Reassessment(problem, (_HELD_OTHERS,))
+    before = problem.gnss_level.get(judged.type)
+    if before is not None and have_grown(without_outliers(judged.type, in_sigmas, before), before):
+        return Reassessment(problem, (judged.held_others,))
     variance = np.diagonal(followed, axis1=1, axis2=2) / declared.sigma**2
     used = family.sigma / declared.sigma
-    seen = errors_seen(t, in_sigmas, variance, weighted=problem.gnss_level is not None, used=used)
+    seen = errors_seen(t, in_sigmas, variance, weighted=before is not None, used=used)
     least = 1.0 if run.config.position.gnss_correlation_s else 0.0
     sigma = declared.sigma * np.maximum(seen.factor, least)
     changed = have_changed(family.sigma, sigma)
@@ -166,13 +200,28 @@ def gnss_errors(run: SolvedRun) -> Reassessment:
         width = run.config.position.gnss_width / float(np.sqrt(np.median(seen.correlation)))
         again = replace(family, sigma=sigma, loss=Huber(width))
         families = tuple(again if f is family else f for f in problem.families)
-        problem = replace(problem, families=families, gnss_level=seen.level)
-    return Reassessment(problem, _findings(t, seen), changed=changed)
+        problem = replace(problem, families=families, gnss_level={**problem.gnss_level, judged.type: seen.level})
+    return Reassessment(problem, _findings(t, seen, judged), changed=changed)
+
+
+def _groups(residual: Array) -> tuple[slice, ...]:
+    """Return the columns of horizontal and of vertical residuals; of a speed there is one column."""
+    return (slice(0, 2), slice(2, 3)) if residual.shape[1] > 1 else (slice(0, 1),)
 
 
 def have_changed(before: Array, now: Array) -> bool:
     """Return whether sigmas (m, 3) have changed by so much that a run is solved again."""
     return bool(np.sqrt(np.mean(np.log(now / before) ** 2)) > _SETTLED)
+
+
+def without_outliers(kind: FactorType, residual: Array, level: Array) -> Array:
+    """Return residuals (m, d) of speeds no larger than errors of that ``level`` (m, d) or (d,) have.
+
+    A speed is known to 0.1 m/s, and an outlier of the vehicle's own speed is a hundred sigmas. Positions stay.
+    """
+    if kind is not FactorType.GNSS_SPEED:
+        return residual
+    return np.clip(residual, -_BOUND_SIGMAS * level, _BOUND_SIGMAS * level)
 
 
 def have_grown(residual: Array, level: Array) -> bool:
@@ -204,7 +253,7 @@ def _likelier(t: Array, residual: Array, followed: Array) -> GnssErrors:
     changing = _errors(t, residual, followed, 1.0)
     lasting = _errors(t, residual, followed, float(changing.correlation[~_far(changing.level)][0]))
     gain = _likelihood(t, residual, changing.level) - _likelihood(t, residual, lasting.level)
-    return changing if gain > len(_GROUPS) * (t[-1] - t[0]) / (2.0 * _around_s(t)) else lasting
+    return changing if gain > len(_groups(residual)) * (t[-1] - t[0]) / (2.0 * _around_s(t)) else lasting
 
 
 def _around_s(t: Array) -> float:
@@ -215,7 +264,7 @@ def _around_s(t: Array) -> float:
 def _errors(t: Array, residual: Array, followed: Array, correlation: float) -> GnssErrors:
     """Return level and correlation where n residuals around a position tell as much as n / C independent ones."""
     level, correlations = np.empty_like(residual), np.empty(len(t))
-    for columns in _GROUPS:
+    for columns in _groups(residual):
         level[:, columns] = _levels(t, residual[:, columns], followed[:, columns], correlation)[:, None]
     far = _far(level)
     for part in (far, ~far):
@@ -294,17 +343,13 @@ def _correlation(t: Array, residual: Array, followed: Array, part: np.ndarray) -
     return 1.0 + 2.0 * max(sum(rho), share * phi / (1.0 - phi))
 
 
-def _findings(t: Array, seen: GnssErrors) -> tuple[Finding, ...]:
-    """Return a warning where positions are far worse than they declare, with the worst spans."""
+def _findings(t: Array, seen: GnssErrors, judged: _Judged) -> tuple[Finding, ...]:
+    """Return a warning where measurements are far worse than they declare, with the worst spans."""
     size = np.sqrt(np.mean(seen.level**2, axis=1))
     if np.sqrt(np.mean(size**2)) < _FINDING:
         return ()
     spans = sorted(true_runs(size > _FAR * np.median(size)), key=lambda span: -float(size[slice(*span)].max()))
     named = [f"{t[i]:.0f}-{t[j - 1]:.0f} s ({size[i:j].max():.1f} times)" for i, j in spans[:_NAMED]]
     where = f", most at {', '.join(named)}" if named else ""
-    message = f"GNSS positions err by {np.median(size):.1f} times their declared sigmas as a rule{where}"
-    hint = (
-        "the sigmas were widened; declare what the receiver is worth, errors that last included, and where its antenna "
-        "is (gnss.lever_arm_m)"
-    )
-    return (Finding("warning", "gnss-level", message, hint=hint),)
+    message = f"GNSS {judged.name} err by {np.median(size):.1f} times their declared sigmas as a rule{where}"
+    return (Finding("warning", f"{judged.code}-level", message, hint=judged.hint),)

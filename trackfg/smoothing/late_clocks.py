@@ -27,9 +27,9 @@ from trackfg.factors.states import Kind, vectors
 from trackfg.graph.build import Problem
 from trackfg.graph.further_sensors import further_sensors
 from trackfg.recording.antenna import with_antenna_named
-from trackfg.recording.description import FurtherTach
+from trackfg.recording.description import FurtherTach, GnssSpeed
 from trackfg.recording.findings import Finding
-from trackfg.recording.model import Recording
+from trackfg.recording.model import GNSS_SPEED_TABLE, Recording
 from trackfg.sensors.gnss_clock import gnss_clock
 from trackfg.smoothing.reassessment import SolvedRun
 
@@ -118,7 +118,9 @@ def with_offsets(problem: Problem, offsets: Offsets) -> Problem:
 
 
 def with_gnss_in_time(recording: Recording, tach_clock_sd_s: float) -> Recording:
-    """Return the recording with the stamps of GNSS on the IMU's clock, and a finding where that moved them.
+    """Return the recording with the stamps of GNSS on the IMU's clock, and findings where that moved them.
+
+    The receiver's speeds are of the same clock; by what they are later, since it filters them, the graph estimates.
 
     The path has the tach's speed, and a tach that is late makes positions early: what is not known of its clock, which
     is ``tach_clock_sd_s`` where accelerations do not tell, is not known of the receiver's either.
@@ -132,9 +134,12 @@ def with_gnss_in_time(recording: Recording, tach_clock_sd_s: float) -> Recording
     sd_s = float(np.hypot(offset.sd_s, tach_clock_sd_s if tach_clock is None else tach_clock.sd_s))
     if abs(offset.offset_s) < max(_LEAST_S, _SIGMAS * sd_s):
         return recording
-    gnss = recording.gnss.assign(t_s=recording.gnss["t_s"] + offset.offset_s)
-    moved = with_antenna_named([_set("gnss", offset.offset_s, sd_s)], recording.description.gnss)
-    return replace(recording, gnss=gnss, findings=(*recording.findings, *moved))
+    tables = recording.tables
+    of_receiver = [name for name in ("gnss", GNSS_SPEED_TABLE) if name in tables]
+    moved = {name: tables[name].assign(t_s=tables[name]["t_s"] + offset.offset_s) for name in of_receiver}
+    said = with_antenna_named([_set(name, offset.offset_s, sd_s) for name in moved], recording.description.gnss)
+    others = {name: moved.get(name, table) for name, table in recording.others.items()}
+    return replace(recording, gnss=moved["gnss"], others=others, findings=(*recording.findings, *said))
 
 
 def _clocks(recording: Recording) -> list[_Clock]:
@@ -142,7 +147,7 @@ def _clocks(recording: Recording) -> list[_Clock]:
     further = [
         _Clock(sensor.name, Kind.SENSOR, sensor.variable, 1)
         for sensor in further_sensors(recording.description)
-        if isinstance(sensor.part, FurtherTach)
+        if isinstance(sensor.part, FurtherTach | GnssSpeed)
     ]
     clocks = [_Clock("tach", Kind.CLOCK, 0, 0), _Clock("gnss", Kind.CLOCK, 0, 2), *further]
     return [clock for clock in clocks if clock.table in recording.tables]
@@ -172,7 +177,7 @@ def in_words(table: str, offset_s: float) -> str:
 def _set(table: str, offset_s: float, sd_s: float) -> Finding:
     return Finding(
         "warning",
-        f"{table.replace('/', '-')}-clock",
+        f"{table.replace('/', '-').replace('_', '-')}-clock",
         f"{in_words(table, offset_s)} (sigma {sd_s:.2f} s); they were moved",
         hint=f"add {offset_s:.2f} to its time_offset_s",
     )

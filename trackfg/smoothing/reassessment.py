@@ -24,6 +24,10 @@ _BLAMED = 1.5
 positions raise those of the inertial sensors by as much."""
 
 
+_OF_GNSS = ("gnss", "gnss speed")
+"""The groups of a satellite receiver."""
+
+
 @dataclass(frozen=True)
 class SolvedRun:
     """A run's graph and its solution, with covariances and with the ratios of seen to assumed noise."""
@@ -57,11 +61,11 @@ class Reassessment:
 
 
 def others_are_worse(noise_ratios: Mapping[str, float], ratio: float) -> bool:
-    """Return whether the residuals of a group that is no position exceed its sigmas by more than ``ratio``.
+    """Return whether the residuals of a group that is not of GNSS exceed its sigmas by more than ``ratio``.
 
-    It is not the positions then which are wrong first. ``noise_ratios``: actual over assumed noise of each group.
+    It is not GNSS then which is wrong first. ``noise_ratios``: actual over assumed noise of each group.
     """
-    worst = max((seen for name, seen in noise_ratios.items() if name != "gnss"), default=1.0)
+    worst = max((seen for name, seen in noise_ratios.items() if name not in _OF_GNSS), default=1.0)
     return worst > max(_BLAMED, ratio)
 
 

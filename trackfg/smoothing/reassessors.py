@@ -6,7 +6,7 @@ are widened in the same round, since noise makes them all look contradicted.
 
 from __future__ import annotations
 
-from trackfg.smoothing.gnss_errors import gnss_errors
+from trackfg.smoothing.gnss_errors import gnss_errors, gnss_speed_errors
 from trackfg.smoothing.leaning_body import leaning_body
 from trackfg.smoothing.noise_levels import noise_levels
 from trackfg.smoothing.reassessment import Reassessor
@@ -19,6 +19,7 @@ from trackfg.smoothing.wrong_fixes import wrong_fixes
 REASSESSORS: tuple[Reassessor, ...] = (
     wrong_fixes,
     gnss_errors,
+    gnss_speed_errors,
     rectification,
     noise_levels,
     wheel_scale,

@@ -52,6 +52,12 @@ _SENSORS = {
     FactorType.GNSS_POSITION: _Sensor(
         "the GNSS positions", ("position", "height"), (), "check origin, clock, lever arm and sigmas of [gnss]"
     ),
+    FactorType.GNSS_SPEED: _Sensor(
+        "the receiver's speeds",
+        ("chainage", "speed"),
+        (FactorType.TACH_DISTANCE, *_POSITIONS),
+        "check unit, clock and sigmas of [gnss_speed]",
+    ),
     FactorType.ABSOLUTE_FIX: _Sensor(
         "the fixes", ("chainage",), (), "check the chainages of the fixes, their sigmas and track.direction"
     ),

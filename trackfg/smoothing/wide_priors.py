@@ -149,6 +149,11 @@ _FURTHER = (
     _Scalar(1, "a further sensor is off by {}, s of its clock or rad of its yaw", "correct it in recording.toml"),
 )
 
+_RECEIVER = (
+    _Scalar(0, "the receiver's speeds are {} m/s too high", "correct them: whole numbers that are cut off are too low"),
+    _Scalar(1, "the stamps of the receiver's speeds are off by {} s", "add it to gnss_speed.time_offset_s"),
+)
+
 _SCALE_HINT = "multiply wheel_diameter_m, or the column of [tach], by it; near 3.6 or 0.28 its unit is wrong"
 
 _SCALARS: dict[Kind, tuple[_Scalar, ...]] = {
@@ -174,7 +179,8 @@ def wide_priors(run: SolvedRun) -> Reassessment:
         for first, current in zip(declared, now, strict=True):
             judged = _judged(run, kind, first, current)
             known = first.sigma[0]
-            columns = {scalar.column: scalar for scalar in scalars if known[scalar.column] >= scalar.least_sd}
+            of_it = _RECEIVER if kind is Kind.SENSOR and _is_of_receiver(problem, current) else scalars
+            columns = {scalar.column: scalar for scalar in of_it if known[scalar.column] >= scalar.least_sd}
             far = [c for c, scalar in columns.items() if abs(judged.sigmas[c]) > scalar.limit]
             if kind is Kind.MOUNT and not _shows_mounting(run, judged.alone[far], _FARTHEST[far]):
                 far = []
@@ -198,6 +204,12 @@ def wide_priors(run: SolvedRun) -> Reassessment:
             if np.abs(np.log(wanted / current.sigma)).max() > np.log(_WIDENED):
                 any_changed, problem = True, _with_sigma(problem, current, wanted)
     return Reassessment(problem, tuple(findings), tuple(doubts), changed=any_changed)
+
+
+def _is_of_receiver(problem: Problem, prior: Family) -> bool:
+    """Return whether a prior is of the variable of a receiver's speeds."""
+    speeds = problem.family(FactorType.GNSS_SPEED)
+    return speeds is not None and bool(speeds.slots[1].index[0] == prior.slots[0].index[0])
 
 
 def _shows_mounting(run: SolvedRun, far: Array, farthest: Array) -> bool:

@@ -49,6 +49,7 @@ _GROUPS = {
     FactorType.ABSOLUTE_FIX: "fixes",
     FactorType.LANDMARK: "map",
     FactorType.GNSS_POSITION: "gnss",
+    FactorType.GNSS_SPEED: "gnss speed",
     FactorType.BIAS_WALK: "biases",
     FactorType.AT_REST: "rests",
     FactorType.STANDSTILL: "rests",

@@ -17,7 +17,8 @@ from typing import NamedTuple
 import numpy as np
 
 from trackfg.factors.family import Family
-from trackfg.factors.states import States, offset_in_keyframe
+from trackfg.factors.linear import slot_columns
+from trackfg.factors.states import States
 from trackfg.numerics.arrays import Array
 from trackfg.solver.covariance import Covariance
 
@@ -70,7 +71,7 @@ def predicted(family: Family, states: States, covariance: Covariance) -> tuple[A
     """Return residuals (m, d) and the posterior covariance of the predicted measurements, (m, d, d)."""
     residual, jacobians = family.evaluated(family.values(states))
     keyframe = next(slot.index for slot in family.slots if not slot.kind.shared)
-    columns = np.concatenate([offset_in_keyframe(slot.kind) + np.arange(slot.kind.dim) for slot in family.slots])
+    columns = np.concatenate([slot_columns(slot) for slot in family.slots])
     J = np.concatenate(jacobians, axis=2)
     P = covariance.rows(keyframe, columns)[:, :, columns]
     return residual, J @ P @ np.swapaxes(J, 1, 2)

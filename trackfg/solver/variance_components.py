@@ -17,6 +17,7 @@ import numpy as np
 
 from trackfg.factors.factor_type import FactorType
 from trackfg.factors.family import Family, family_of
+from trackfg.factors.linear import slot_columns
 from trackfg.factors.states import KEYFRAME_DIM, Kind, States, offset_in_keyframe
 
 if TYPE_CHECKING:
@@ -37,6 +38,7 @@ GROUPS = {
     FactorType.PATH: "path",
     FactorType.TACH_DISTANCE: "tach",
     FactorType.GNSS_POSITION: "gnss",
+    FactorType.GNSS_SPEED: "gnss speed",
 }
 """Families whose level is judged, and the name of their group; the inertial factors are "gyro" and "accel"."""
 
@@ -108,7 +110,7 @@ def _family_residuals(family: Family, states: States, covariance: Covariance) ->
     parts: dict[bool, list[tuple[Array, np.ndarray]]] = {False: [], True: []}
     for slot, jacobian in zip(family.slots, linear.jacobians, strict=True):
         later = not slot.kind.shared and bool((slot.index != first).any())
-        parts[later].append((jacobian, _columns(slot.kind, int(slot.index[0]) if slot.kind is Kind.SENSOR else 0)))
+        parts[later].append((jacobian, slot_columns(slot)))
     here, there = (
         _Side(np.concatenate([J for J, _ in blocks], axis=2), np.concatenate([c for _, c in blocks]))
         if blocks
@@ -151,7 +153,6 @@ def _cross(covariance: Covariance, first: np.ndarray, rows: np.ndarray, at_next:
     return cross
 
 
-def _columns(kind: Kind, sensor: int = 0) -> np.ndarray:
-    """Return the columns of a variable in a keyframe's tangent; ``sensor`` is the number of a further sensor."""
-    start = offset_in_keyframe(kind) + kind.dim * sensor
-    return np.arange(start, start + kind.dim)
+def _columns(kind: Kind) -> np.ndarray:
+    """Return the columns of a variable in a keyframe's tangent."""
+    return offset_in_keyframe(kind) + np.arange(kind.dim)

@@ -211,7 +211,7 @@ class FixedLagSmoother:
         doubts += fix_doubts(self._moving.votes.tested, self._moving.votes.squares, until)
         if running is not None:
             doubts += self._vibration_test.events(until, running.context.conventions)
-            doubts += (*running.noise.events(until), *running.gnss.events(until))
+            doubts += (*running.noise.events(until), *running.gnss.events(until), *running.gnss_speeds.events(until))
             doubts += clock_doubts(running.newest.states.clock[0], self.config, until)
         return doubts
 

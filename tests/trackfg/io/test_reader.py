@@ -555,6 +555,54 @@ def test_an_impossible_speed_over_ground_is_refused(draft: Draft, tmp_path: Path
     assert code in [finding.code for finding in report.findings if finding.level == "error"]
 
 
+RECEIVER = """
+[gnss_speed]
+file = "speeds.csv"
+column = "kmh"
+unit = "km/h"
+"""
+
+
+def with_receiver(draft: Draft, folder: Path, rows: str, keys: str = 'sd = "sd"\n') -> Path:
+    """The draft's recording with a receiver's speeds whose rows these are."""
+    written = Path(draft.write(folder))
+    (written / "speeds.csv").write_text("t,kmh,sd\n" + rows, encoding="utf-8")
+    toml = written / "recording.toml"
+    toml.write_text(toml.read_text(encoding="utf-8") + RECEIVER + keys, encoding="utf-8")
+    return written
+
+
+def test_speeds_of_a_receiver_have_their_sigmas_and_no_rows_where_it_has_none(draft: Draft, tmp_path: Path) -> None:
+    rows = "0,36,1.8\n0.1,,\n0.2,36,\n0.3,72,3.6\n"
+    recording = read_recording(with_receiver(draft, tmp_path / "rec", rows))
+    np.testing.assert_allclose(recording.others["gnss_speed"].to_numpy(), [[0.0, 10.0, 0.5], [0.3, 20.0, 1.0]])
+    write_recording(recording, tmp_path / "again")
+    again = read_recording(tmp_path / "again")
+    pd.testing.assert_frame_equal(again.others["gnss_speed"], recording.others["gnss_speed"], check_exact=True)
+
+
+@pytest.mark.parametrize(("keys", "sd"), [("", 0.1), ("sd_mps = 0.3\n", 0.3)])
+def test_speeds_of_a_receiver_without_sigmas_have_one_for_all(
+    draft: Draft, tmp_path: Path, keys: str, sd: float
+) -> None:
+    recording = read_recording(with_receiver(draft, tmp_path / "rec", "0,36,\n0.2,36,\n", keys))
+    np.testing.assert_allclose(recording.others["gnss_speed"]["speed_sd_mps"], sd)
+
+
+@pytest.mark.parametrize(
+    ("rows", "code"),
+    [
+        ("0,36,1\n0.1,-1,1\n", "negative-speed"),
+        ("0,3600,1\n0.1,3600,1\n", "gnss-speed-unit"),
+        ("0,inf,1\n", "infinite"),
+        ("0,36,0\n", "bad-sigma"),
+    ],
+)
+def test_an_impossible_speed_of_a_receiver_is_refused(draft: Draft, tmp_path: Path, rows: str, code: str) -> None:
+    report = check_recording(with_receiver(draft, tmp_path / "rec", rows))
+    assert code in [finding.code for finding in report.findings if finding.level == "error"]
+
+
 SECOND = """
 [[tach]]
 file = "second.csv"

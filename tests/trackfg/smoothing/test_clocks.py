@@ -11,6 +11,7 @@ from trackfg.datasets.effects.positions import LateGnss
 from trackfg.datasets.effects.wheel import LateTach
 from trackfg.datasets.scenario import Effect
 from trackfg.datasets.scenarios import Simulation, scenario, simulate
+from trackfg.datasets.sensors.receiver_speeds import ReceiverSpeeds
 from trackfg.recording.description import Gnss
 from trackfg.smoothing.smoother import smooth
 
@@ -31,6 +32,28 @@ def test_positions_that_are_late_are_moved(run: Simulation) -> None:
     for name in ("east_m", "north_m", "speed_mps", "pitch_rad"):
         off = (late.trajectory[name] - prompt.trajectory[name]) / prompt.trajectory[f"{name}_sd"]
         assert np.sqrt(np.mean(off**2)) < 1.0
+
+
+def test_speeds_of_a_receiver_that_is_late_are_moved_with_its_positions() -> None:
+    plan = replace(scenario("mainline-gnss"), further_sensors=(ReceiverSpeeds(delay_s=0.1),))
+    run = simulate(plan, seed=2, duration_s=300.0)
+    gnss, speeds = run.recording.gnss, run.recording.others["gnss_speed"]
+    assert gnss is not None
+    others = {"gnss_speed": speeds.assign(t_s=speeds["t_s"] + 1.5)}
+    late = smooth(replace(run.recording, gnss=gnss.assign(t_s=gnss["t_s"] + 1.5), others=others))
+    codes = [finding.code for finding in late.summary.findings]
+    assert {"gnss-clock", "gnss-speed-clock"} <= set(codes)
+    prompt = smooth(run.recording)
+    off = (late.trajectory["speed_mps"] - prompt.trajectory["speed_mps"]) / prompt.trajectory["speed_mps_sd"]
+    assert np.sqrt(np.mean(off**2)) < 1.0
+
+
+def test_speeds_alone_that_are_late_are_moved() -> None:
+    plan = replace(scenario("mainline-gnss"), further_sensors=(ReceiverSpeeds(delay_s=1.2),))
+    run = simulate(plan, seed=2, duration_s=300.0)
+    (finding,) = (one for one in smooth(run.recording).summary.findings if one.code == "gnss-speed-clock")
+    assert finding.hint is not None
+    assert float(finding.hint.split()[1]) == pytest.approx(-1.2, abs=0.1)
 
 
 def test_a_further_tach_that_is_late_is_moved() -> None:

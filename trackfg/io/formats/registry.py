@@ -8,6 +8,7 @@ from typing import Any
 from trackfg.io.formats.fixes import FixesFormat
 from trackfg.io.formats.further_tach import FurtherTachFormat
 from trackfg.io.formats.gnss import GnssFormat
+from trackfg.io.formats.gnss_speed import GnssSpeedFormat
 from trackfg.io.formats.imu import ImuFormat
 from trackfg.io.formats.laser import LaserFormat
 from trackfg.io.formats.sensor_format import SensorFormat
@@ -21,6 +22,7 @@ FORMATS: tuple[SensorFormat[Any], ...] = (
     FurtherTachFormat(),
     FixesFormat(),
     GnssFormat(),
+    GnssSpeedFormat(),
     SpeedFormat(),
     LaserFormat(),
 )

@@ -86,6 +86,7 @@ _NAMES = {
     "fixes": "the fixes",
     "map": "the map",
     "gnss": "the GNSS positions",
+    "gnss speed": "the receiver's speeds",
     "biases": "the walk of the biases",
     "rests": "the rests",
     "bias prior": "the biases",
@@ -105,6 +106,7 @@ _HINTS = {
     "fixes": "check the chainages of the fixes, or declare the sigma that they have",
     "map": "check that the map is of this track",
     "gnss": "check gnss.lever_arm_m; declare the sigma that the positions have, and position.gnss_correlation_s",
+    "gnss speed": "check unit, clock and sigmas of [gnss_speed]",
     "biases": "declare the instability of the biases ([imu.noise]); let the sensor warm up",
     "rests": "look at the standstills among the events",
     "bias prior": "declare the grade of the sensor ([imu.noise]: gyro_bias_sd, accel_bias_sd)",
@@ -117,8 +119,9 @@ _HINTS = {
 _PREDICTED: dict[FactorType, tuple[str, tuple[Quantity, ...]]] = {
     FactorType.ABSOLUTE_FIX: ("fixes", ("chainage",)),
     FactorType.GNSS_POSITION: ("gnss", ("position", "height", "chainage")),
+    FactorType.GNSS_SPEED: ("gnss speed", ("speed", "chainage")),
 }
-"""Positions that are predicted from all else: their group, and what they tell of."""
+"""Positions and speeds that are predicted from all else: their group, and what they tell of."""
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from trackfg.checks.columns import SMALLEST_SIGMA_M
+from trackfg.checks.columns import SMALLEST_SIGMA
 from trackfg.checks.limits import CheckLimits
 from trackfg.numerics.arrays import Array
 from trackfg.recording.canonical import pulse_m
@@ -36,7 +36,7 @@ _PART = 0.1
 """The most that a wheel may have rolled in a step of a count that goes over its end, in ranges: one in ten counts that
 start again at any place is mistaken for it at the most."""
 
-_SIGMAS = {"fixes": slice(2, 3), "gnss": slice(4, 7)}
+_SIGMAS = {"fixes": slice(2, 3), "gnss": slice(4, 7), "gnss_speed": slice(2, 3)}
 
 
 @dataclass
@@ -66,7 +66,7 @@ class RowChecks:
         out = dict(tables)
         for name, sigmas in _SIGMAS.items():
             if name in out:
-                wrong = (out[name][:, sigmas] < SMALLEST_SIGMA_M).any(axis=1)
+                wrong = (out[name][:, sigmas] < SMALLEST_SIGMA).any(axis=1)
                 report.lose("bad-sigma", name, out[name][wrong, 0])
                 out[name] = out[name][~wrong]
         if "tach" in out and out["tach"].shape[0]:

@@ -1,4 +1,4 @@
-"""A stream learns how good its GNSS positions are from their residuals, as the batch does from those of a run.
+"""A stream learns how good its GNSS positions and speeds are from their residuals, as the batch does from a run's.
 
 A receiver's errors last: in a street canyon it is off by 5-10 m for tens of seconds where it declares 2 m, and
 positions that share an error count once. The record holds each position's residual after its keyframe's estimate, and
@@ -14,6 +14,8 @@ is not judged while another group of residuals is further beyond its sigmas
 If the stream is what errs, its residuals grow as positions lose their weight, and they would lose more. So where they
 have had little for longer than a receiver's errors last, and residuals are beyond the level that was seen when that
 began, positions get their weight back, and what was written meanwhile is doubted.
+
+Speeds of the receiver have a record of their own, of the same kind, with one value each.
 """
 
 from __future__ import annotations
@@ -28,7 +30,14 @@ from trackfg.factors.family import Family, changed, family_of
 from trackfg.factors.loss import Huber
 from trackfg.numerics.arrays import Array
 from trackfg.results.events import DOUBT, Event
-from trackfg.smoothing.gnss_errors import FEWEST, LONGEST_S, errors_seen, have_changed, have_grown
+from trackfg.smoothing.gnss_errors import (
+    FEWEST,
+    LONGEST_S,
+    errors_seen,
+    have_changed,
+    have_grown,
+    without_outliers,
+)
 from trackfg.solver.covariance import Covariance
 from trackfg.solver.leave_one_out import predicted
 from trackfg.streaming.window.window import Window
@@ -60,7 +69,8 @@ class GnssRecord:
     ``given`` (m, 3) what they were when the position came. ``level`` (m, 3) is that of the errors then, and
     ``newest_level`` (3,) that of the next. ``regained`` (k, 2): from when to when positions had too little weight, s.
     ``lasting``: the root of the number of positions that share an error; whether one is an outlier is judged without
-    it, so the loss is as much narrower. All of it is learnt from positions after ``since_s``.
+    it, so the loss is as much narrower. All of it is learnt from positions after ``since_s``. A record of speeds, of
+    that ``kind`` of factor, has one column instead of three, and m/s for m.
     """
 
     t: Array = field(default_factory=lambda: np.zeros(0))
@@ -75,10 +85,27 @@ class GnssRecord:
     regained: Array = field(default_factory=lambda: np.zeros((0, 2)))
     lasting: float = 1.0
     since_s: float = -np.inf
+    kind: FactorType = FactorType.GNSS_POSITION
+
+    @classmethod
+    def of_speeds(cls) -> GnssRecord:
+        """Return the record of a receiver's speeds before the first."""
+        none, ones, one = np.zeros((0, 1)), np.ones((0, 1)), np.ones(1)
+        return cls(
+            residual=none,
+            variance=none,
+            declared=none,
+            factor=ones,
+            expected=one,
+            given=ones,
+            level=ones,
+            newest_level=one,
+            kind=FactorType.GNSS_SPEED,
+        )
 
     def put(self, window: Window, covariance: Covariance) -> None:
         """Remember the positions at the last two keyframes of a window, of which ``covariance`` is."""
-        family, older = family_of(window.families, FactorType.GNSS_POSITION), len(window) - 2
+        family, older = family_of(window.families, self.kind), len(window) - 2
         if family is None or family.loss is None:
             return
         family = family.take(family.slots[0].index >= older)
@@ -103,7 +130,7 @@ class GnssRecord:
     def usual(self) -> Array:
         """What the sigmas of positions usually are, in declared ones, (3,)."""
         judged = self.factor[self.t > self.since_s]
-        return np.median(judged, axis=0) if len(judged) else np.ones(3)
+        return np.median(judged, axis=0) if len(judged) else np.ones_like(self.expected)
 
     def judge(self, *, heading_known: bool) -> bool:
         """Compute the factors anew, and return whether they have changed.
@@ -133,7 +160,8 @@ class GnssRecord:
             return False
         longest, lately = np.searchsorted(self.t, self.t[-1] - np.array([LONGEST_S, _LATELY_S]))
         little = bool(np.all(self.given[longest:, 0] > _LITTLE))
-        return little and have_grown(self.residual[lately:], self.level[longest])
+        level = self.level[longest]
+        return little and have_grown(without_outliers(self.kind, self.residual[lately:], level), level)
 
     def _regain(self) -> None:
         """Forget, and remember that positions had too little weight."""
@@ -146,20 +174,25 @@ class GnssRecord:
         """Give positions to come their declared weight, and learn from them only; those that were keep theirs."""
         if self.t.size:
             self.since_s = float(self.t[-1])
-        self.expected, self.newest_level, self.lasting = np.ones(3), np.ones(3), 1.0
+        self.expected, self.newest_level = np.ones_like(self.expected), np.ones_like(self.expected)
+        self.lasting = 1.0
 
     def events(self, until_s: float) -> tuple[Event, ...]:
         """Return an event for each span in which positions had too little weight, and one if most of the newest are
         further off than any receiver's, known at the end of a stream.
         """
-        quantities = "position, yaw, chainage, speed"
-        less = f"{quantities}: GNSS positions had too little weight: smooth the recording"
+        if self.kind is FactorType.GNSS_SPEED:
+            quantities, name, unit = "chainage, speed", "speeds of the receiver", "gnss_speed.unit and its sigmas"
+        else:
+            quantities, name = "position, yaw, chainage, speed", "GNSS positions"
+            unit = "the order, unit and sigmas of gnss.position and the axes of the gyro"
+        less = f"{quantities}: {name} had too little weight: smooth the recording"
         spans = tuple(Event(DOUBT, "gnss", since, until, 0, less) for since, until in self.regained.tolist())
         off = float(np.median(np.linalg.norm(self.residual[:, :2], axis=1))) if len(self.t) >= FEWEST else 0.0
         if off < _FAR:
             return spans
-        what = f"most GNSS positions are {off:.0f} declared sigmas or more from where the other sensors have them"
-        advice = "check the order, unit and sigmas of gnss.position and the axes of the gyro, or smooth the recording"
+        what = f"most {name} are {off:.0f} declared sigmas or more from where the other sensors have them"
+        advice = f"check {unit}, or smooth the recording"
         return (*spans, Event(DOUBT, t_s=until_s, detail=f"{quantities}: {what}: {advice}"))
 
     def weigh(self, window: Window, width: float) -> Window:
@@ -175,7 +208,7 @@ class GnssRecord:
                 family, np.where(known[:, None], self.declared[row] * self.factor[row], family.sigma), width
             )
 
-        return replace(window, families=changed(window.families, FactorType.GNSS_POSITION, weighed))
+        return replace(window, families=changed(window.families, self.kind, weighed))
 
     def weigh_next(self, families: Sequence[Family], width: float) -> tuple[Family, ...]:
         """Return the families of the next interval with the sigmas of its positions multiplied by the newest factor."""
@@ -185,7 +218,7 @@ class GnssRecord:
         def weighed(family: Family) -> Family:
             return self._weighed(family, family.sigma * self.expected, width)
 
-        return changed(families, FactorType.GNSS_POSITION, weighed)
+        return changed(families, self.kind, weighed)
 
     def _rows(self, t: Array) -> tuple[np.ndarray, np.ndarray]:
         """Return the row of each of the positions at ``t`` (m,), s, and whether it has one, (m,)."""

@@ -42,14 +42,14 @@ OFF_S = 60.0
 """How long a device that restarted is taken to have been off, s: the order of a reboot. Its clock does not tell."""
 _ROLLING_SIGMAS = 4.0
 """Maximum deviation from the predicted distance, in sigmas, of a wheel that rolls without slip."""
-_WITHIN_INTERVAL = (FactorType.ABSOLUTE_FIX, FactorType.GNSS_POSITION)
+_WITHIN_INTERVAL = (FactorType.ABSOLUTE_FIX, FactorType.GNSS_POSITION, FactorType.GNSS_SPEED)
 """Families whose factors may touch the older keyframe alone and are new all the same."""
 OTHER_ROWS = (
     FactorType.TACH_DISTANCE,
     FactorType.TACH_READING,
     *_WITHIN_INTERVAL,
     FactorType.WITHHELD_FIX,
-    *(kind for kind in FactorType if kind.of_further_sensor),
+    *(kind for kind in FactorType if kind.of_further_sensor and kind not in _WITHIN_INTERVAL),
 )
 """Families of other rows than the inertial sensor's."""
 

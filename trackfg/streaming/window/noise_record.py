@@ -139,12 +139,13 @@ class NoiseRecord:
         self.sums, self.all_sums = self.sums * kept + marginalised, self.all_sums * kept + all_marginalised
         return _scaled_window(window, *factors)
 
-    def is_worse_than_gnss(self, ratios: Mapping[str, float], gnss_level: float) -> bool:
+    def is_worse_than_gnss(self, ratios: Mapping[str, float], group: str, gnss_level: float) -> bool:
         """Return whether another group is further beyond its sigmas than GNSS, beyond the assumed or the declared ones.
 
-        ``ratios``: actual over assumed noise by group; ``gnss_level``: assumed over declared sigmas of GNSS.
+        ``ratios``: actual over assumed noise by group, ``group`` that of the positions or of the receiver's speeds;
+        ``gnss_level``: assumed over declared sigmas of these.
         """
-        gnss = ratios.get("gnss", 1.0)
+        gnss = ratios.get(group, 1.0)
         declared = max(level * ratios.get(name, 1.0) for name, level in self._rms_levels().items())
         return others_are_worse(ratios, gnss) or declared > max(FAR_OFF, gnss * gnss_level)
 

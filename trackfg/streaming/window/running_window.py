@@ -33,7 +33,7 @@ from trackfg.results.events import Event
 from trackfg.solver.covariance import Covariance, posterior_covariance
 from trackfg.solver.gauss_newton import solve
 from trackfg.solver.square_root import SquareRoot
-from trackfg.solver.variance_components import Residuals, group_residuals, ratios_of
+from trackfg.solver.variance_components import GROUPS, Residuals, group_residuals, ratios_of
 from trackfg.streaming.checkpoint.snapshot import DERIVED
 from trackfg.streaming.window.filter_step import FilterResult, PredictedPair
 from trackfg.streaming.window.fix_voting import FixVotes, shift_interval, shift_window
@@ -152,6 +152,7 @@ class RunningWindow:
     speed_sd: float = 0.0
     walks: bool = False
     gnss: GnssRecord = field(default_factory=GnssRecord)
+    gnss_speeds: GnssRecord = field(default_factory=GnssRecord.of_speeds)
     noise: NoiseRecord = field(default_factory=NoiseRecord)
     speed_doubted: bool = False
     undelivered_pass: Relinearisation | None = None
@@ -241,7 +242,8 @@ class RunningWindow:
         interval = with_other_rows(pair.prediction, self.buffer.other_rows_between(last, t), wheel, self.speed_sd)
         interval = interval._replace(families=self.noise.weigh_wheel(interval.families))
         gnss_width = self.context.config.position.gnss_width
-        interval = interval._replace(families=self.gnss.weigh_next(interval.families, gnss_width))
+        families = self.gnss.weigh_next(interval.families, gnss_width)
+        interval = interval._replace(families=self.gnss_speeds.weigh_next(families, gnss_width))
         if not self.on_map:
             interval, shift_m = self.votes.vote_on_fixes(interval, newest.states, self._others_sd_m)
             creep = self.votes.pop_creep()
@@ -288,7 +290,7 @@ class RunningWindow:
             edges = np.searchsorted(data.edges, [last - 1e-9, t - 1e-9])
             broken = self.buffer.has_break(last, t)
             prediction = predict_interval(self.context, self.newest, data, edges, self.noise.excess, broken=broken)
-            walks = self.walks or self.gnss.rest_erred
+            walks = self.walks or self.gnss.rest_erred or self.gnss_speeds.rest_erred
             walk = max(self.votes.walk_per_sqrt_m, WALK_PER_SQRT_M if walks else 0.0)
             prediction = prediction.with_walking_scale(walk)
             bridged = bool(data.bridged[edges[0]])
@@ -366,7 +368,8 @@ class RunningWindow:
     def _record(self, update: FilterUpdate) -> FilterUpdate:
         self.speed_sd = update.speed_sd
         self.votes.update_covariance(update.covariance)
-        self.gnss.put(update.newest_keyframes, update.covariance)
+        for record in (self.gnss, self.gnss_speeds):
+            record.put(update.newest_keyframes, update.covariance)
         return update
 
     def _relinearise_window(self, failure: str | None = None, creep: Creep | None = None) -> Relinearisation:
@@ -378,7 +381,8 @@ class RunningWindow:
         config, imu, last_pass = self.context.config.motion, self.context.description.imu, float(self.window.t[-1])
         window = self.window.extended(*self.added)
         now = float(window.t[-1])
-        window = self.gnss.weigh(window, self.context.config.position.gnss_width)
+        for record in (self.gnss, self.gnss_speeds):
+            window = record.weigh(window, self.context.config.position.gnss_width)
         if creep is not None:
             window = with_creep(window, creep)
         elif failure is None:
@@ -408,7 +412,8 @@ class RunningWindow:
                 )
         if not self.heading_known and self._heading_sd(step.window, step.root) < _HEADING_SD_RAD:
             self.heading_known = True
-            self.gnss.forget()  # at rest a receiver's errors last for as long as the rest
+            for record in (self.gnss, self.gnss_speeds):
+                record.forget()  # at rest a receiver's errors last for as long as the rest
         marginalised = step.marginalised_first(leaving) if leaving else None
         self.window, self.recent = step.window_without_first(leaving), step.window_without_first(before_recent)
         self.newest, self.root = step.window_without_first(last), step.root.last(len(self.window))
@@ -427,9 +432,14 @@ class RunningWindow:
         if adapts:
             covariance = posterior_covariance(step.root)
             groups = group_residuals(window, window.states, covariance, self._bridged(window.t))
-        if self.speed_doubted or self.noise.is_worse_than_gnss(ratios_of(groups), float(np.median(self.gnss.usual))):
-            self.gnss.forget()
-        elif self.gnss.judge(heading_known=self.heading_known):
+        ratios, changes = ratios_of(groups), False
+        for record, doubted in ((self.gnss, self.speed_doubted), (self.gnss_speeds, False)):
+            level = float(np.median(record.usual))
+            if doubted or self.noise.is_worse_than_gnss(ratios, GROUPS[record.kind], level):
+                record.forget()
+            else:
+                changes |= record.judge(heading_known=self.heading_known)
+        if changes:
             return window
         return self.noise.weigh(window, groups, leaving) if adapts else window
 

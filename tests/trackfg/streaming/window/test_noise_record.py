@@ -110,11 +110,11 @@ def test_groups_that_nothing_checks_have_no_level() -> None:
 
 def test_gnss_is_not_judged_where_others_are_further_off() -> None:
     record = NoiseRecord()
-    assert not record.is_worse_than_gnss({"gnss": 2.0, "motion": 1.4}, 1.0)
-    assert record.is_worse_than_gnss({"gnss": 2.0, "motion": 2.4}, 1.0)
+    assert not record.is_worse_than_gnss({"gnss": 2.0, "motion": 1.4}, "gnss", 1.0)
+    assert record.is_worse_than_gnss({"gnss": 2.0, "motion": 2.4}, "gnss", 1.0)
     record.weigh(window(), {"motion": residuals(np.full(N, 3.0))}, N)
-    assert record.is_worse_than_gnss({"gnss": 1.4, "motion": 1.0}, 1.0)  # three times the declared ones
-    assert not record.is_worse_than_gnss({"gnss": 1.4, "motion": 1.0}, 4.0)  # but positions are five times
+    assert record.is_worse_than_gnss({"gnss": 1.4, "motion": 1.0}, "gnss", 1.0)  # three times the declared ones
+    assert not record.is_worse_than_gnss({"gnss": 1.4, "motion": 1.0}, "gnss", 4.0)  # but positions are five times
 
 
 def test_rests_show_noise_below_the_keyframe_rate() -> None:
