@@ -95,6 +95,12 @@ def slips(seed: int, config: SmoothConfig) -> Figures:
     }
 
 
+def axles(seed: int, config: SmoothConfig) -> Figures:
+    """Measure distance by two axles that slip independently."""
+    run = simulate("slippery-line-two-axles", seed=seed, duration_s=600.0)
+    return _trajectory(run, smooth(run.recording, config), "chainage_m", "chainage, m")
+
+
 def line(seed: int, config: SmoothConfig) -> Figures:
     """Measure speed and distance on `mainline`."""
     run = simulate("mainline", seed=seed, duration_s=600.0)
@@ -222,6 +228,7 @@ ASSUMPTIONS = (
     ),
     Assumption("trackfg.graph.forward_force:_ACCELERATION_SD", "accelerometer's error before the graph", slips),
     Assumption("trackfg.graph.wheel_slip:_ERROR_WALK", "walk of that error", slips),
+    Assumption("trackfg.graph.creeping_wheel:_LASTS_S", "how long a wheel creeps by more than another", axles),
     Assumption("trackfg.output.slip_events:_RELEASE_S", "how long slide protection releases a brake", slips),
     Assumption("trackfg.output.slip_events:_EDGE_CREEP", "creep at the edges of an event", slips),
     Assumption("trackfg.output.track_geometry:_SHORT_WAVES", "short waves that the heading misses", lasers),

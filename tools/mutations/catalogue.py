@@ -240,6 +240,17 @@ _GRAPH = (
         (_one("the gyro's bridge is twice as wide", "durations / 12.0", "durations / 3.0"),),
     ),
     Part(
+        "trackfg/graph/creeping_wheel.py",
+        ("tests/trackfg/graph/test_creeping_wheel.py",),
+        (
+            _one("the wheel that creeps most is taken for the best", "rolls, rate, np.inf", "rolls, -rate, np.inf"),
+            _one("creep goes against the force", "np.sign(pushed) *", "-np.sign(pushed) *"),
+            _one("an error that lasts counts as if it did not", "_LASTS_S * duration", "duration**2"),
+            _one("a wheel that does not roll may be the best", "> _ROLLS", "> -1.0"),
+            _one("noise is taken for creep", "lead**2 - variance - variance[least, k]", "lead**2"),
+        ),
+    ),
+    Part(
         "trackfg/graph/odometry.py",
         ("tests/trackfg/graph/test_motion.py", "tests/trackfg/graph/test_odometry.py"),
         (

@@ -25,6 +25,7 @@ from trackfg.factors.factor_type import FactorType
 from trackfg.factors.states import Kind
 from trackfg.graph.balise_ties import with_balise_ties
 from trackfg.graph.build import Problem, build_problem, too_short
+from trackfg.graph.creeping_wheel import with_creeping_wheels
 from trackfg.graph.further_sensors import further_sensors
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.blas_threads import ThreadBeside, one_thread
@@ -249,11 +250,14 @@ def _solved(
             problem = with_rail_factors(problem, problem.initial, views, config.laser)
     with stages.stage("solve") as report:
         solution = solve(problem, config.solver, report)
-    if views:  # which readings saw one place is known better now
-        states = solution.states
+    # Which wheel creeps, and which readings saw one place, is known better now.
+    refined, states = with_creeping_wheels(problem, solution.states, config), solution.states
+    if views:
+        refined = with_rail_factors(refined, states, views, config.laser)
+    if refined is not problem:
         del solution  # its square root is as large as the next one
+        problem = replace(refined, initial=states)
         with stages.stage("solve") as report:
-            problem = with_rail_factors(replace(problem, initial=states), states, views, config.laser)
             solution = solve(problem, config.solver, report)
     run = SolvedRun(config, problem, problem, solution, *_covariance(problem, solution, stages))
 
