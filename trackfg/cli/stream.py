@@ -62,6 +62,12 @@ class StreamOptions:
     resume: Annotated[
         bool, typer.Option("--resume", help="Go on with the unfinished stream in OUT, from its last checkpoint.")
     ] = False
+    from_now: Annotated[
+        bool,
+        typer.Option(
+            "--from-now", help="With --resume and SOURCE -: its lines go on from now; those that were missed are a gap."
+        ),
+    ] = False
 
 
 @with_options(StreamOptions)
@@ -69,7 +75,8 @@ def stream(options: StreamOptions) -> None:
     """Estimate while rows arrive: at once, and smoothed once the lag is over.
 
     In OUT are the tables filtered, smoothed, geometry and events, in parts. A stream that was killed goes on with
-    --resume, as if it had not been; rows from standard input have to come again from the first one.
+    --resume, as if it had not been; rows from standard input have to come again from the first one, or, with
+    --from-now, are those of a live feed, which cannot send them again.
     """
     from trackfg.config import SmoothConfig
     from trackfg.streaming.fixed_lag import FixedLagSmoother
@@ -80,13 +87,16 @@ def stream(options: StreamOptions) -> None:
     feature_map = newest_map(options.map_location)
 
     def opened(saved: Checkpoint | None) -> Stream:
-        rows = _source(options.source, real_time=options.real_time, position=saved.position if saved else 0)
+        position = saved.position if saved is not None and not options.from_now else 0
+        rows = _source(options.source, real_time=options.real_time, position=position)
         smoother = FixedLagSmoother(rows.description, settings, lag_s=options.lag, feature_map=feature_map)
         return Stream.of(rows, smoother, saved)
 
     into_folder = options.out != _STANDARD
     if not into_folder and (options.resume or options.checkpoint_every is not None):
         raise BadInputError("-o -: expected a folder: what was written to standard output cannot be taken back")
+    if options.from_now and not (options.resume and options.source == _STANDARD):
+        raise BadInputError("--from-now: expected --resume and - as the source: anything else can be read again")
     if options.json and not into_folder:
         raise BadInputError("--json: the rows on standard output are JSON already; expected -o with a folder")
     with _view(options) as show, _status_line(shown=into_folder or not sys.stdout.isatty()) as tell_status:
@@ -185,8 +195,17 @@ def _into_folder(
             saved = checkpoints.read()
             if saved.finished:
                 return None
-            stream = opened(saved)
-            note(f"{out}: {_place(saved, stream)}")
+            try:
+                stream = opened(saved)
+            except BadInputError as error:
+                if options.source != _STANDARD or options.from_now:
+                    raise
+                raise BadInputError(
+                    f"{error}. Hint: lines have to come again from the first one, the description before it; of a "
+                    "live feed, which cannot send them again, --from-now takes the description and the lines that come "
+                    "now"
+                ) from error
+            note(f"{out}: {_place(saved, stream, options)}")
             return stream.run(ParquetParts(out, state=saved.sink), checkpoints, watch)
     left = list(out.glob(f"{UNFINISHED}{_CHECKPOINT}*"))
     if left:
@@ -211,14 +230,18 @@ def _into_folder(
             raise
 
 
-def _place(saved: Checkpoint, stream: Stream) -> str:
+def _place(saved: Checkpoint, stream: Stream, options: StreamOptions) -> str:
     """Return where a stream goes on."""
     from trackfg.streaming.sources.json_lines import JsonLinesSource
 
     if saved.until_s is None:
         return "begins again: it was stopped before its first checkpoint"
-    sent_again = f"; {saved.position} lines are passed over, which have to be those sent before"
-    return f"goes on at t = {saved.until_s:.3f} s{sent_again if isinstance(stream.source, JsonLinesSource) else ''}"
+    where = f"goes on at t = {saved.until_s:.3f} s"
+    if options.from_now:
+        return f"{where} with the lines that come now; what was sent since then is missing"
+    if isinstance(stream.source, JsonLinesSource):
+        return f"{where}; {saved.position} lines are passed over, which have to be those sent before"
+    return where
 
 
 def _source(name: str, *, real_time: bool, position: int) -> Source:

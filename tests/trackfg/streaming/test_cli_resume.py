@@ -19,8 +19,9 @@ from trackfg.cli import main
 from trackfg.cli.stream import StreamOptions, _into_folder
 from trackfg.datasets.scenarios import simulate
 from trackfg.errors import BadInputError
+from trackfg.files.atomic_file import UNFINISHED
 from trackfg.files.owned_folder import sole_writer
-from trackfg.streaming.checkpoint.checkpoint import Checkpoint
+from trackfg.streaming.checkpoint.checkpoint import Checkpoint, Checkpoints
 from trackfg.streaming.sinks.parquet_parts import read_parts
 
 NOTHING = Path("/dev/null")
@@ -104,16 +105,49 @@ def test_a_killed_stream_goes_on_to_the_same_files(recording: Path, tmp_path: Pa
     assert "a stream is never added to another" in refused([*arguments, "-o", out])
 
 
-@pytest.mark.slow
-def test_lines_are_passed_over_that_were_sent_before(tmp_path: Path) -> None:
+def lines_of_a_trolley() -> list[str]:
+    """Return 30 s of a trolley as JSON lines, the description first."""
     run = simulate("trolley", seed=0, duration_s=30.0).recording
     names = ("t", "wx", "wy", "wz", "fx", "fy", "fz")
     assert run.tach is not None
     keyed = [(row[0], {"table": "tach", "t": row[0], "s": row[1]}) for row in run.tach.to_numpy().tolist()]
     keyed += [(row[0], {"table": "imu", **dict(zip(names, row, strict=True))}) for row in run.imu.to_numpy().tolist()]
     rows = [json.dumps(row) for _, row in sorted(keyed, key=lambda one: one[0])]
+    return [json.dumps({"description": DESCRIPTION}), *rows]
+
+
+def test_a_live_feed_goes_on_from_now(tmp_path: Path) -> None:
+    """A device that was off for 3 s sends what it measures now; what it measured meanwhile is a gap."""
+    first, *rows = lines_of_a_trolley()
+    until = next(i for i, row in enumerate(rows) if json.loads(row)["t"] > 20.0)
+    after = next(i for i, row in enumerate(rows) if json.loads(row)["t"] > 23.0)
     lines, out = tmp_path / "lines.jsonl", tmp_path / "out"
-    lines.write_text("\n".join([json.dumps({"description": DESCRIPTION}), *rows]))
+    arguments: list[object] = ["-", "--lag", "5", "--checkpoint-every", "3", "-o", out]
+    with subprocess.Popen([*TRACKFG, *map(str, arguments)], stdin=subprocess.PIPE, stderr=subprocess.DEVNULL) as feed:
+        assert feed.stdin is not None
+        feed.stdin.write("\n".join([first, *rows[:until], ""]).encode())
+        feed.stdin.flush()
+        while not (out / "checkpoint").exists() or Checkpoints(out / "checkpoint", every_s=3.0).read().until_s is None:
+            time.sleep(0.01)
+        feed.kill()
+    lines.write_text("\n".join([first, *rows[after:]]))
+    with lines.open("rb") as again:
+        refusal = subprocess.run([*TRACKFG, *map(str, arguments), "--resume"], stdin=again, capture_output=True)
+
+    written = said_of_lines([*arguments, "--resume", "--from-now"], lines)
+
+    assert refusal.returncode == 2
+    assert "--from-now takes the description and the lines that come now" in refusal.stderr.decode()
+    assert " s with the lines that come now; what was sent since then is missing" in written
+    t = read_parts(out, "smoothed")["t_s"]
+    assert t.iloc[-1] > 29.0
+    assert "gap" in set(read_parts(out, "events")["kind"])
+
+
+@pytest.mark.slow
+def test_lines_are_passed_over_that_were_sent_before(tmp_path: Path) -> None:
+    lines, out = tmp_path / "lines.jsonl", tmp_path / "out"
+    lines.write_text("\n".join(lines_of_a_trolley()))
     arguments: list[object] = ["-", "--lag", "5", "--checkpoint-every", "3"]
     said_of_lines([*arguments, "-o", tmp_path / "whole"], lines)
     assert killed(out, arguments, 0.0, lines)
@@ -139,9 +173,12 @@ def test_what_resume_is_refused_for(recording: Path, tmp_path: Path) -> None:
     (out / "checkpoint").unlink()
     assert "a stream is never added to another" in refused([*resumed, "5"])
     assert "expected a folder" in refused([recording, "-o", "-", "--resume"])
+    assert "--from-now: expected --resume and -" in refused([recording, "-o", out, "--resume", "--from-now"])
     assert "expected more than 0 s" in refused([recording, "-o", tmp_path / "new", "--checkpoint-every", "0"])
     assert not (tmp_path / "new").exists()
-    assert contents(out) == {name: content for name, content in before.items() if name != "checkpoint"}
+    # What the kill left of a checkpoint that was being written is removed by whatever command is next.
+    kept = {name: content for name, content in before.items() if name != "checkpoint" and UNFINISHED not in name}
+    assert contents(out) == kept
 
 
 def test_a_folder_has_one_writer(recording: Path, tmp_path: Path) -> None:
