@@ -106,8 +106,14 @@ def filled(columns: tuple[str, ...], known: dict[str, np.ndarray]) -> pd.DataFra
 def resampled_trajectory(t: Array, known: Mapping[str, Array | None]) -> pd.DataFrame:
     """Return a trajectory at every :data:`TRAJECTORY_S`: columns (n,) at times ``t`` (n,), s, interpolated linearly.
 
-    Columns that are None or not among ``known`` are NaN.
+    Columns that are None or not among ``known`` are NaN. Raises ``ValueError`` for times that do not grow, and for
+    columns of another length.
     """
+    if not (np.diff(t) > 0.0).all():
+        raise ValueError(f"t, row {int(np.argmin(np.diff(t) > 0.0)) + 2}: expected times that grow")
+    for column, values in known.items():
+        if values is not None and len(values) != len(t):
+            raise ValueError(f"{column}: {len(values)} values at {len(t)} times; expected as many")
     clock = np.arange(t[0], t[-1], TRAJECTORY_S)
     at = {column: np.interp(clock, t, values) for column, values in known.items() if values is not None}
     return filled(TRAJECTORY_COLUMNS, {"t_s": clock, **at})

@@ -12,6 +12,8 @@ from functools import partial
 from pathlib import Path
 from typing import get_args
 
+import numpy as np
+
 from trackfg.baselines import (
     adaptive_ekf,
     complementary,
@@ -113,6 +115,10 @@ def estimators(*, peers: bool = True) -> dict[str, Estimator]:
     return known
 
 
+_WITHIN = 0.5
+"""Least share of a trajectory's rows within the recording: other sensors may begin before the inertial one, or last."""
+
+
 def with_own(known: Mapping[str, Estimator], own: Mapping[str, Estimator]) -> dict[str, Estimator]:
     """Return estimators and a user's own ones.
 
@@ -136,7 +142,27 @@ def _own_result(name: str, run: Run, recording: Recording) -> BaselineResult:
     if not isinstance(result, BaselineResult):
         given = type(result).__name__
         raise TypeError(f"estimator {name!r}: expected a trackfg.baselines.result.BaselineResult, not {given}")
+    clock = recording.imu["t_s"].to_numpy()
+    _refuse_unusable(name, result, (float(clock[0]), float(clock[-1])))
     return result
+
+
+def _refuse_unusable(name: str, result: BaselineResult, ends_s: tuple[float, float]) -> None:
+    """Raise :class:`BadInputError` where tables have the right columns but nothing that can be scored over time."""
+    table, (first_s, last_s) = result.trajectory, ends_s
+    if not table.drop(columns="t_s").notna().to_numpy().any():
+        missing = "when it was where: chainage_m in its trajectory" if len(result.geometry) else "a value in its tables"
+        raise BadInputError(f"estimator {name!r}: expected {missing}; found none")
+    t = table["t_s"].to_numpy(dtype=np.float64)
+    late = np.flatnonzero(~(np.diff(t) > 0.0))
+    if late.size:
+        row = int(late[0]) + 2
+        raise BadInputError(f"estimator {name!r}: t_s of its trajectory, row {row}: expected times that grow")
+    if np.count_nonzero((t >= first_s) & (t <= last_s)) < _WITHIN * t.size:
+        raise BadInputError(
+            f"estimator {name!r}: its trajectory is from {t[0]:g} to {t[-1]:g} s; expected seconds of the recording's "
+            f"clock, {first_s:g} to {last_s:g} s"
+        )
 
 
 def estimator(name: str, *, as_printed: bool = False) -> Run:

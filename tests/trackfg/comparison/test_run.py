@@ -19,7 +19,7 @@ from trackfg.datasets.scenarios import simulate
 from trackfg.errors import BadInputError, UnsolvableError
 from trackfg.recording.model import Recording
 from trackfg.report import write_report
-from trackfg.results.columns import EVENT_COLUMNS, GEOMETRY_COLUMNS
+from trackfg.results.columns import EVENT_COLUMNS, GEOMETRY_COLUMNS, TRAJECTORY_COLUMNS
 
 
 @pytest.fixture(scope="module")
@@ -189,6 +189,43 @@ def test_what_is_no_estimator_of_ones_own_is_said_so(tmp_path: Path) -> None:
             compare(cases, own={"mine": one}, peers=False)
     with pytest.raises(TypeError, match=r"expected \['run1'\]"):
         cases_of("run1")
+
+
+def _of_own(trajectory: pd.DataFrame, geometry: pd.DataFrame | None = None) -> Estimator:
+    empty = filled(GEOMETRY_COLUMNS, {})
+    result = BaselineResult("mine", trajectory, empty if geometry is None else geometry, filled(EVENT_COLUMNS, {}))
+    return Estimator("mine", "this test", lambda recording: result, ("distance and position", "twist"))
+
+
+def test_tables_that_cannot_be_scored_are_left_out_with_the_reason(tmp_path: Path) -> None:
+    simulate("trolley", seed=0, duration_s=60.0).write(tmp_path / "run")
+    t, still = np.arange(0.0, 60.0, 0.1), np.zeros(600)
+    place = filled(GEOMETRY_COLUMNS, {"chainage_m": np.arange(40) / 4.0, "twist_mm": np.zeros(40)})
+    named = {
+        "expected when it was where: chainage_m in its trajectory": _of_own(filled(TRAJECTORY_COLUMNS, {}), place),
+        "expected a value in its tables": _of_own(filled(TRAJECTORY_COLUMNS, {"t_s": t})),
+        "row 601: expected times that grow": _of_own(
+            filled(TRAJECTORY_COLUMNS, {"t_s": np.tile(t, 2), "chainage_m": np.tile(still, 2)})
+        ),
+        "is from 0 to 59900 s; expected seconds": _of_own(
+            filled(TRAJECTORY_COLUMNS, {"t_s": 1000.0 * t, "chainage_m": still})
+        ),
+    }
+    own = {str(number): estimator for number, estimator in enumerate(named.values())}
+
+    comparison = compare(cases_of([tmp_path / "run"]), own=own, peers=False)
+
+    left_out = {one.estimator: one.reason for one in comparison.about.left_out}
+    for number, reason in enumerate(named):
+        assert reason in left_out[str(number)]
+
+
+def test_a_trajectory_is_resampled_from_columns_over_growing_times() -> None:
+    t = np.array([0.0, 1.0, 0.5])
+    with pytest.raises(ValueError, match="t, row 3: expected times that grow"):
+        resampled_trajectory(t, {"chainage_m": t})
+    with pytest.raises(ValueError, match="chainage_m: 1 values at 2 times"):
+        resampled_trajectory(t[:2], {"chainage_m": t[:1]})
 
 
 def test_an_estimator_of_ones_own_predicts_what_is_withheld(tmp_path: Path) -> None:
