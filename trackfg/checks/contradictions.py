@@ -21,7 +21,7 @@ from trackfg.checks.diagnosis_wheel import WheelScale
 from trackfg.checks.imu_faults import without_imu_faults
 from trackfg.checks.limits import CheckLimits
 from trackfg.numerics import rotations
-from trackfg.numerics.units import KMH
+from trackfg.numerics.units import KMH, KNOT, MPH, known_units, to_si
 from trackfg.recording.antenna import with_antenna_named
 from trackfg.recording.description import Imu, Tach
 from trackfg.recording.findings import Finding
@@ -69,6 +69,7 @@ def contradictions(recording: Recording, estimates: Estimates, limits: CheckLimi
         *_wheel(description.tach, estimates.wheel_scale_fixes, force, limits),
         *_wheel(description.tach, None if distorted else estimates.wheel_scale_gnss, force, limits),
         *with_antenna_named([] if distorted else _gnss(recording, estimates.positions, limits), description.gnss),
+        *receiver_speed_findings(recording, None if distorted else estimates.receiver_speed_scale, limits),
         *_fixes(recording, estimates.positions, limits),
         *_fix_order(recording),
     ]
@@ -309,6 +310,27 @@ def _gnss(recording: Recording, positions: PositionFit, limits: CheckLimits) -> 
     message = f"positions come {delay.lag_s:+.2f} s (sd {delay.sd_s:.2f} s) after the motion that they show"
     hint = f"set gnss.time_offset_s = {gnss.time_offset_s - delay.lag_s:.2f}"
     return [_warning("gnss-delay", message, "gnss.time_offset_s", "0", hint)]
+
+
+_SPEED_UNITS = {"m/s": 1.0, "km/h": KMH, "kn": KNOT, "mph": MPH, "mm/s": 1e-3, "cm/s": 1e-2}
+"""Units in which receivers tell their speed, m/s: NMEA has knots, UBX mm/s."""
+
+
+def receiver_speed_findings(recording: Recording, scale: WheelScale | None, limits: CheckLimits) -> list[Finding]:
+    """Return where a receiver's speeds contradict its positions, or the tach, by what another unit would make."""
+    part = recording.description.gnss_speed
+    if part is None or scale is None or abs(np.log(scale.scale)) < np.log(limits.speed_scale):
+        return []
+    true = to_si("speed", part.unit) * scale.scale
+    unit = min(_SPEED_UNITS, key=lambda name: abs(np.log(_SPEED_UNITS[name] / true)))
+    hint = f"check gnss_speed.unit; speeds must be multiplied by {scale.scale:.4g}"
+    if abs(np.log(_SPEED_UNITS[unit] / true)) < _UNIT_TOLERANCE:
+        edit = f"multiply them by {scale.scale:.4g}"
+        edit = f'set gnss_speed.unit = "{unit}"' if unit in known_units("speed") else edit
+        hint = f"the data look like {unit}: {edit}"
+    by = "the positions" if scale.source == "gnss" else "the tach"
+    message = f"the vehicle is {scale.scale:.3g} times as fast as the receiver says, by {by}"
+    return [_warning("gnss-speed-scale", message, "gnss_speed.unit", "about 1", hint)]
 
 
 def _mirrored(recording: Recording, positions: PositionFit, force: ForceFit | None) -> list[Finding]:

@@ -18,7 +18,7 @@ from trackfg.checks.diagnosis_force import ForceFit, fit_force
 from trackfg.checks.diagnosis_positions import PositionFit, fit_positions
 from trackfg.checks.diagnosis_rest import NoiseDensity, StaticBias, noise_density, static_bias
 from trackfg.checks.diagnosis_silence import SilentSpan, silent_spans, without_silence
-from trackfg.checks.diagnosis_wheel import WheelScale, scale_from_fixes, scale_from_gnss
+from trackfg.checks.diagnosis_wheel import WheelScale, receiver_speed_scale, scale_from_fixes, scale_from_gnss
 from trackfg.recording.model import Recording
 from trackfg.sensors.standstills import find_standstills
 from trackfg.sensors.tach import with_sense
@@ -48,6 +48,7 @@ class Estimates:
     force: ForceFit | None
     positions: PositionFit
     silent_spans: tuple[SilentSpan, ...]
+    receiver_speed_scale: WheelScale | None = None
 
     def as_dict(self) -> dict[str, Any]:
         """Nested, ready for JSON, without what could not be estimated."""
@@ -94,4 +95,5 @@ def estimates_of(recording: Recording) -> Estimates:
         force=fit_force(usable, axes, offset),
         positions=fit_positions(usable, None if usable.tach is None else on_imu_clock(usable.tach, offset)),
         silent_spans=silent,
+        receiver_speed_scale=receiver_speed_scale(usable),
     )

@@ -1,4 +1,7 @@
-"""The wheel's scale: true distance over nominal distance, from chainage fixes or from GNSS positions."""
+"""The wheel's scale: true distance over nominal distance, from chainage fixes or from GNSS positions.
+
+That of a receiver's own speeds likewise, whose integral is such a distance: it shows their unit.
+"""
 
 from __future__ import annotations
 
@@ -10,6 +13,7 @@ import pandas as pd
 
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.robust import robust_sd
+from trackfg.recording.model import GNSS_SPEED_TABLE, Recording
 
 _MIN_CHORD_M = 100.0
 _MAX_TURN_RAD = 0.5
@@ -28,7 +32,7 @@ class WheelScale:
 
     scale: float
     sd: float
-    source: Literal["fixes", "gnss"]
+    source: Literal["fixes", "gnss", "tach"]
     samples: int
 
 
@@ -112,6 +116,26 @@ def scale_from_gnss(tach: pd.DataFrame, gnss: pd.DataFrame) -> WheelScale | None
     scale = float(np.median(ratio))
     spread = robust_sd(ratio - scale)
     return WheelScale(scale, max(1.25 * spread / float(np.sqrt(ratio.size)), 1e-5), "gnss", int(ratio.size))
+
+
+def receiver_speed_scale(recording: Recording) -> WheelScale | None:
+    """Return true speed over the receiver's own, from its positions, or without any from the tach's distance.
+
+    None where neither shows it, or without such speeds.
+    """
+    speeds, gnss, tach = recording.others.get(GNSS_SPEED_TABLE), recording.gnss, recording.tach
+    if speeds is None or len(speeds) < 2:
+        return None
+    t, speed = speeds["t_s"].to_numpy(), speeds["speed_mps"].to_numpy()
+    driven = np.concatenate([[0.0], np.cumsum(0.5 * np.diff(t) * (speed[1:] + speed[:-1]))])
+    if gnss is not None:
+        return scale_from_gnss(pd.DataFrame({"t_s": t, "distance_m": driven}), gnss)
+    if tach is None or driven[-1] < _MIN_CHORD_M:
+        return None
+    inside = (t >= tach["t_s"].iloc[0]) & (t <= tach["t_s"].iloc[-1])
+    rolled = np.interp(t, tach["t_s"], tach["distance_m"])
+    whole = [float(np.abs(np.diff(way[inside])).sum()) for way in (rolled, driven)]
+    return WheelScale(whole[0] / whole[1], whole[0] / whole[1], "tach", 1) if whole[1] > _MIN_CHORD_M else None
 
 
 def _picked(distance: Array, step_m: float) -> np.ndarray:

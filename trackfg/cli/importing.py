@@ -41,6 +41,7 @@ _SHOWN = {
     },
     "tach": {"column": ("wheel", "unit"), "pulses_per_rev": ("pulses per turn", ""), "signed": ("knows direction", "")},
     "gnss": {"position": ("positions", ""), "sd": ("their sigmas", "")},
+    "gnss_speed": {"column": ("receiver's speed", "unit"), "sd": ("its sigma", "unit")},
     "balises": {"id": ("balises", ""), "chainage": ("their places", "chainage_unit")},
     "fixes": {"chainage": ("fixes", "chainage_unit"), "sd": ("their sigma", "")},
     "track": {"gauge_m": ("gauge, m", "")},

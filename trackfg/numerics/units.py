@@ -13,6 +13,9 @@ STANDARD_GRAVITY = 9.80665
 KMH = 1.0 / 3.6
 """m/s per km/h."""
 
+KNOT = 1852.0 / 3600.0
+"""m/s per knot: a nautical mile, 1852 m, an hour (NIST Special Publication 811, appendix B)."""
+
 MPH = 0.44704
 """m/s per mph: the international mile is 1609.344 m (NIST Special Publication 811, appendix B)."""
 

@@ -1,16 +1,25 @@
-"""A sensor without weight most of the time contradicts all others, and the solution is one without it: a finding."""
+"""A sensor without weight most of the time contradicts all others, and the solution is one without it: a finding.
+
+A receiver's speeds in another unit would bend the solution before they lose their weight, each
+known to 0.1 m/s. Where its own positions contradict them they are left out beforehand.
+"""
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
+from trackfg.checks.contradictions import receiver_speed_findings
+from trackfg.checks.diagnosis_wheel import receiver_speed_scale
+from trackfg.checks.limits import CheckLimits
 from trackfg.factors.factor_type import FactorType
 from trackfg.factors.family import Family
 from trackfg.factors.states import States
 from trackfg.numerics.units import KMH
 from trackfg.recording.findings import Finding
+from trackfg.recording.model import GNSS_SPEED_TABLE, Recording
 from trackfg.results.verdict import Doubt, Quantity
 from trackfg.smoothing.reassessment import Reassessment, SolvedRun
 
@@ -68,6 +77,16 @@ _SENSORS = {
         "check imu.axes, the units of the IMU and the sign of the tachometer; trackfg check tells them apart",
     ),
 }
+
+
+def without_contradicted_speeds(recording: Recording, limits: CheckLimits) -> Recording:
+    """Return the recording without its receiver's speeds where positions or tach contradict them, with a finding."""
+    found = receiver_speed_findings(recording, receiver_speed_scale(recording), limits)
+    if not found:
+        return recording
+    said = (replace(one, message=f"{one.message}; they are left out") for one in found)
+    others = {name: table for name, table in recording.others.items() if name != GNSS_SPEED_TABLE}
+    return replace(recording, others=others, findings=(*recording.findings, *said))
 
 
 def unheard_sensors(run: SolvedRun) -> Reassessment:

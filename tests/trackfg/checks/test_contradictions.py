@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from typing import Literal
 
 import numpy as np
 import pandas as pd
@@ -12,16 +13,21 @@ import pytest
 from trackfg.checks import plausibility
 from trackfg.checks.contradictions import diagnose
 from trackfg.checks.diagnosis_silence import is_moving
+from trackfg.checks.diagnosis_wheel import receiver_speed_scale
 from trackfg.checks.limits import CheckLimits
 from trackfg.datasets.catalogue import NARROW_YARD, scenario, scenarios
 from trackfg.datasets.effects.inertial import LowCost
 from trackfg.datasets.effects.mounting import Tilt
 from trackfg.datasets.scenarios import simulate
 from trackfg.datasets.sensors.positioning import BaliseModel
+from trackfg.datasets.sensors.receiver_speeds import ReceiverSpeeds
+from trackfg.datasets.tables import gnss_speed_description
 from trackfg.datasets.vehicle.driving import Service
 from trackfg.datasets.vehicle.motion import Limits
 from trackfg.numerics.rotations import so3_exp
-from trackfg.recording.model import IMU_COLUMNS, Recording
+from trackfg.numerics.units import KMH, KNOT
+from trackfg.recording.model import GNSS_SPEED_TABLE, IMU_COLUMNS, Recording
+from trackfg.smoothing.unheard_sensors import without_contradicted_speeds
 
 GYRO, FORCE = list(IMU_COLUMNS[1:4]), list(IMU_COLUMNS[4:7])
 Spoil = Callable[[Recording], Recording]
@@ -322,3 +328,41 @@ def test_one_fix_in_the_wrong_place_is_no_wrong_direction(
         fixes=pd.DataFrame({"t_s": t, "chainage_m": sense * chainage, "chainage_sd_m": 0.3}),
     )
     assert {finding.code for finding in diagnose(turned)[1]} & {"fix-order", "direction"} == expected
+
+
+@pytest.mark.parametrize(
+    ("declared", "factor", "hint"),
+    [
+        ("m/s", 1.0 / KMH, 'set gnss_speed.unit = "km/h"'),
+        ("km/h", KMH, 'set gnss_speed.unit = "m/s"'),
+        ("m/s", 1.0 / KNOT, "the data look like kn: multiply them by 0.51"),
+    ],
+)
+def test_a_receiver_s_speed_in_another_unit_is_named(
+    sound: Recording, declared: Literal["m/s", "km/h"], factor: float, hint: str
+) -> None:
+    speeds = ReceiverSpeeds().measured(simulate("mainline-gnss", seed=1, duration_s=300.0).ride, 300.0, None).table
+    wrong = speeds.assign(speed_mps=speeds["speed_mps"] * factor)
+    part = gnss_speed_description().model_copy(update={"unit": declared})
+    description = sound.description.model_copy(update={"gnss_speed": part})
+    recording = replace(sound, description=description, others={GNSS_SPEED_TABLE: wrong})
+    _, found = diagnose(recording)
+    (finding,) = (one for one in found if one.code == "gnss-speed-scale")
+    assert finding.hint is not None
+    assert hint in finding.hint
+    left = without_contradicted_speeds(recording, CheckLimits())
+    assert GNSS_SPEED_TABLE not in left.others
+    assert "left out" in left.findings[-1].message
+
+
+def test_a_receiver_s_speed_in_its_unit_is_left_alone(sound: Recording) -> None:
+    speeds = ReceiverSpeeds().measured(simulate("mainline-gnss", seed=1, duration_s=300.0).ride, 300.0, None).table
+    description = sound.description.model_copy(update={"gnss_speed": gnss_speed_description()})
+    for recording in (
+        replace(sound, description=description, others={GNSS_SPEED_TABLE: speeds}),
+        replace(sound, description=description, others={GNSS_SPEED_TABLE: speeds}, gnss=None),
+    ):
+        scale = receiver_speed_scale(recording)
+        assert scale is not None
+        assert scale.scale == pytest.approx(1.0, abs=0.03)
+        assert without_contradicted_speeds(recording, CheckLimits()) is recording

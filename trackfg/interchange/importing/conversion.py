@@ -44,10 +44,14 @@ _COLUMN_KEYS = {
     "tach": ("column",),
     "fixes": ("chainage", "sd"),
     "gnss": ("position", "sd"),
+    "gnss_speed": ("column", "sd"),
     "speed": ("column",),
     "laser": ("column",),
 }
 """Keys of each kind of sensor that name columns."""
+
+_MAY_BE_ABSENT = {("gnss_speed", "sd")}
+"""Keys that a description need not have."""
 
 _FIX_COLUMNS = {"chainage": "chainage_m", "sd": "sd_m"}
 """Columns of fixes that need no name in a description."""
@@ -217,19 +221,29 @@ def _part(sensor: MappedSensor, tables: Sequence[SourceTable], kilometrage: Kilo
     keep, notes = _says_something(sensor, table, columns)
     if sensor.kind == "gnss":
         keep &= ~np.all([values == 0.0 for values in measured[:2]], axis=0)  # what receivers write without a fix
-        if sensor.reading.valid is not None:
-            keep &= ~without_position(table.column(sensor.reading.valid))
         if sensor.reading.dop is not None:
             dop = table.numbers(sensor.reading.dop)
             dop = np.where(dop > 0.0, dop, 1.0)  # 0 or nothing: not known
             columns = {name: _diluted(name, values, dop) for name, values in columns.items()}
-        keep &= _is_news(times.since(times.first_ns), np.stack(measured, axis=1))
+    if sensor.kind == "gnss_speed":
+        speed, *sd = measured
+        keep &= (speed >= 0.0) & np.all(
+            [one > 0.0 for one in sd], axis=0
+        )  # -1 where a phone has none, 0 where no sigma
+    if sensor.kind in ("gnss", "gnss_speed"):
+        keep &= _new_and_valid(sensor, table, times, measured)
     if not keep.all():
         times, columns = _rows(times, keep), {name: values[keep] for name, values in columns.items()}
     if not any(len(values) for values in columns.values()):
         raise BadInputError(f"{table.name}: the columns of [{sensor.section}] are empty; expected values")
     columns, keys = in_recorded_units(sensor, times, columns, keys)
     return _Part(sensor, times, columns, keys, notes=notes, whole=table if table is sources[0] and keep.all() else None)
+
+
+def _new_and_valid(sensor: MappedSensor, table: SourceTable, times: Times, measured: Sequence[Array]) -> np.ndarray:
+    """Return which rows (n,) of a receiver are its own and not those of the row before again."""
+    new = _is_news(times.since(times.first_ns), np.stack(measured, axis=1))
+    return new if sensor.reading.valid is None else new & ~without_position(table.column(sensor.reading.valid))
 
 
 def _diluted(name: str, values: Array, dop: Array) -> Array:
@@ -295,6 +309,8 @@ def _columns(
     for key in _COLUMN_KEYS[sensor.kind]:
         default = _FIX_COLUMNS.get(key) if sensor.kind == "fixes" else None
         value = keys.get(key, default)
+        if value is None and (sensor.kind, key) in _MAY_BE_ABSENT:
+            continue
         if value is None:
             raise BadInputError(f"[{sensor.section}]: no key {key!r}; expected the name of a column")
         if key == "chainage" and isinstance(value, list):

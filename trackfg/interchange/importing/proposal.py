@@ -23,6 +23,7 @@ from trackfg.interchange.importing.mapping import FORMAT
 from trackfg.interchange.importing.proposals.evident_by_force import settle_by_force
 from trackfg.interchange.importing.proposals.inertial_proposal import propose_imu
 from trackfg.interchange.importing.proposals.questions import Ask, Proposal, Question, asked, asked_number
+from trackfg.interchange.importing.proposals.receiver_speed_proposal import propose_receiver_speed
 from trackfg.interchange.importing.proposals.tach_proposal import propose_tach
 from trackfg.interchange.importing.source_table import SourceTable
 from trackfg.interchange.importing.stations import bare_unit, place_columns
@@ -70,6 +71,8 @@ def propose_columns(tables: Sequence[SourceTable], ask: Ask, given: dict[str, An
         propose_tach(proposal, tables, ask)
     if "gnss" not in proposal.sections:
         _gnss(proposal, tables)
+    if "gnss_speed" not in proposal.sections:
+        propose_receiver_speed(proposal, tables)
     if "balises" not in proposal.sections:
         _balises(proposal, tables)
     if "fixes" not in proposal.sections:

@@ -71,6 +71,8 @@ def _quantities(sensor: MappedSensor, keys: Mapping[str, Any]) -> list[tuple[str
     """Return the keys that name columns, those of their units, and what is measured."""
     if sensor.kind == "imu":
         return [(key, f"{key}_unit", QUANTITY_OF[key]) for key in ("gyro", "accel")]
+    if sensor.kind == "gnss_speed":
+        return [(key, "unit", "speed") for key in ("column", "sd") if key in keys]
     if sensor.kind == "speed" or keys.get("kind") == "speed":
         return [("column", "unit", "speed")]
     return [("column", "unit", "length")] if sensor.kind in ("tach", "laser") else []

@@ -11,14 +11,13 @@ import re
 from typing import Literal, get_args
 
 from trackfg.numerics.km_notation import METRES_PER
-from trackfg.numerics.units import KMH, MPH, STANDARD_GRAVITY, known_units, to_si
+from trackfg.numerics.units import KMH, KNOT, MPH, STANDARD_GRAVITY, known_units, to_si
 
 Quantity = Literal["angular rate", "acceleration", "angle", "speed", "length", "time"]
 QUANTITIES: tuple[Quantity, ...] = get_args(Quantity)
 
 _FOOT_M = 0.3048
-_KNOT_MPS = 1852.0 / 3600.0
-"""International foot and knot (NIST Special Publication 811, appendix B)."""
+"""International foot (NIST Special Publication 811, appendix B)."""
 
 _PREFIXES = {"n": 1e-9, "u": 1e-6, "m": 1e-3, "c": 1e-2, "k": 1e3}
 """Prefixes of SI, and the words for them; the sign of micro is written as ``u`` first."""
@@ -55,7 +54,7 @@ _NAMED: dict[Quantity, dict[str, float]] = {
         "kmph": KMH,
         "mph": MPH,
         "fps": _FOOT_M,
-        **dict.fromkeys(("kn", "kt", "knot"), _KNOT_MPS),
+        **dict.fromkeys(("kn", "kt", "knot"), KNOT),
     },
     "length": {},
     "time": {"ms": 1e-3, "us": 1e-6, "ns": 1e-9, "msec": 1e-3},

@@ -27,10 +27,12 @@ if TYPE_CHECKING:
 
 _CANDIDATES: dict[str, tuple[Quantity, tuple[str, ...]]] = {
     "tach.unit": ("speed", ("m/s", "km/h", "mph", "mm/s", "cm/s")),
+    "gnss_speed.unit": ("speed", ("m/s", "km/h", "kn", "mph", "mm/s", "cm/s")),
     "imu.gyro_unit": ("angular rate", ("rad/s", "deg/s", "mrad/s", "mdeg/s")),
 }
 """Units among which the force decides, where the source states none. It tells no knot from a mile per hour, since
-gradients and a sensor's tilt falsify it by some percent: a wheel's speed is in neither knots nor feet per second."""
+gradients and a sensor's tilt falsify it by some percent: a wheel's speed is in neither knots nor feet per second. For a
+receiver's speed its positions decide."""
 _LENGTHS = ("m", "km", "ft", "mm", "cm", "mi")
 _MOST_EMPTY = 10
 """Times the samples at their usual interval: a longer span is nearly all a gap, where a clock has jumped. Then only
@@ -58,6 +60,8 @@ def settle_by_force(proposal: Proposal, tables: Sequence[SourceTable], ask: Ask)
     if _settle_speed(proposal, estimates):
         estimates = estimates_of(_recording(proposal, tables))
     _settle_rate(proposal, estimates)
+    if (scale := estimates.receiver_speed_scale) is not None:
+        _rescale(proposal, "gnss_speed.unit", scale.scale, "the positions are as fast")
     for key, text in proposal.assumed.items():
         section, _, name = key.partition(".")
         part = proposal.sections[section]

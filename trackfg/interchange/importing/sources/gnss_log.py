@@ -1,4 +1,7 @@
-"""Logs of GNSS receivers: UBX NAV-PVT and NMEA GGA, GST, RMC and ZDA, in any mixture."""
+"""Logs of GNSS receivers: UBX NAV-PVT and NMEA GGA, GST, RMC and ZDA, in any mixture.
+
+Speeds are of NAV-PVT, with their accuracy, or of RMC, without any.
+"""
 
 from __future__ import annotations
 
@@ -18,6 +21,7 @@ from trackfg.interchange.importing.shapes.tagged_lines import delimiter_of_tagge
 from trackfg.interchange.importing.source_format import DialectFor, SourceFormat, starts_with
 from trackfg.interchange.importing.source_table import SourceTable
 from trackfg.interchange.importing.times import as_ns
+from trackfg.numerics.units import KNOT
 
 _UERE_M = 3.0
 """Error of one range, m: with the dilution of precision it gives a sigma where the receiver states none (GPS SPS
@@ -33,7 +37,8 @@ _WITHOUT_MESSAGE_BYTES = 1_048_576
 """Most bytes of a log between two messages: minutes of corrections (RTCM), which are passed over. Searching so much
 takes a second."""
 
-_COLUMNS = ("latitude", "longitude", "height", "sd_east_m", "sd_north_m", "sd_up_m")
+_COLUMNS = ("latitude", "longitude", "height", "sd_east_m", "sd_north_m", "sd_up_m", "speed_mps", "sd_speed_mps")
+_NO_SPEED = (np.nan, np.nan)
 
 
 class GnssLog(SourceFormat):
@@ -81,6 +86,7 @@ def read_gnss_log(path: Path) -> SourceTable:
             f"{path.name}: no position found; expected UBX NAV-PVT, or NMEA RMC, or GGA with ZDA or RMC"
         )
     frame = pd.DataFrame(np.array([values for _, values in rows]), columns=list(_COLUMNS))
+    frame = frame.dropna(axis="columns", how="all")  # speeds, or their sigmas
     frame.insert(0, "time_ns", np.array([ns for ns, _ in rows], dtype=np.int64))
     return SourceTable("gnss", _without_repetitions(frame))
 
@@ -123,7 +129,8 @@ def _pvt(message: Any) -> tuple[int, tuple[float, ...]]:
     ns = as_ns(day) + int(message.nano)
     # hAcc is that of both coordinates together, as the receiver's description has it.
     across, up = message.hAcc * 1e-3 / np.sqrt(2.0), message.vAcc * 1e-3
-    return ns, (message.lat, message.lon, message.height * 1e-3, across, across, up)
+    speed = message.gSpeed * 1e-3, message.sAcc * 1e-3
+    return ns, (message.lat, message.lon, message.height * 1e-3, across, across, up, *speed)
 
 
 class _Nmea:
@@ -138,6 +145,7 @@ class _Nmea:
         self._date: datetime | None = None
         self._found: dict[str, list[tuple[datetime | None, time, tuple[float, ...]]]] = {"GGA": [], "RMC": []}
         self._sigmas: dict[time, tuple[float, float, float]] = {}
+        self._speeds: dict[datetime, tuple[float, float]] = {}
 
     def take(self, kind: str, message: Any) -> None:
         """Take up a sentence."""
@@ -149,6 +157,8 @@ class _Nmea:
         elif kind == "ZDA" and message.year:
             day = datetime(int(message.year), int(message.month), int(message.day), tzinfo=UTC)
             self._date = datetime.combine(day, at, tzinfo=UTC)
+        if kind == "RMC" and message.status == "A" and self._date is not None and message.spd != "":
+            self._speeds[self._date] = float(message.spd) * KNOT, np.nan
         if kind == "GST" and message.stdLat != "":
             self._sigmas[at] = (message.stdLong, message.stdLat, message.stdAlt)
         elif kind == "GGA" and 0 < (quality := int(message.quality or 0)) <= _MEASURED and message.lat != "":
@@ -168,7 +178,8 @@ class _Nmea:
             if last is None:
                 break
             last = _nearest(at, last if date is None else max(last, date))
-            rows.append((as_ns(last), (*values[:3], *self._sigmas.get(at, values[3:]))))
+            sigmas, speed = self._sigmas.get(at, values[3:]), self._speeds.get(last, _NO_SPEED)
+            rows.append((as_ns(last), (*values[:3], *sigmas, *speed)))
         return rows
 
 

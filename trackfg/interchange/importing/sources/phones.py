@@ -65,6 +65,8 @@ class SensorLogger(SourceFormat):
             )
         if "Gyroscope" not in named:
             raise BadInputError(f"{path.name}: no Gyroscope.csv; expected it. Hint: switch on the Gyroscope in the app")
+        if "Location" in named:
+            named["Location"] = replace(named["Location"], units=dict.fromkeys(("speed", "speedAccuracy"), "m/s"))
         if about.get("platform") == "ios" and about.get("standardisation") != "true":
             named["TotalAcceleration"] = _turned_round(named["TotalAcceleration"])
         return [
