@@ -145,7 +145,7 @@ class Problem(KeyFigures):
         Factors of a chained loss (the tach's) get the weights that they have at ``states``: at the solution the graph
         has its minimum there, from elsewhere the weights have to be renewed by another export.
         """
-        return exported(self.native, self.families, self.initial if states is None else states, self.t)
+        return exported(self.native, self.families, self.initial if states is None else _checked(states), self.t)
 
     def errors(self, states: States) -> pd.DataFrame:
         """Return how well each factor fits ``states``: one row per factor, in the order of :meth:`to_gtsam`'s graph.
@@ -155,7 +155,14 @@ class Problem(KeyFigures):
         residual; ``weight``, what its loss leaves of it, 1 without a loss; ``error``, its part of the cost. For a
         chained loss, whose cost is that of the whole chain, ``error`` is ``weight sigmas^2 / 2``.
         """
-        return factor_errors(self.inertial, self.families, states, self.t)
+        return factor_errors(self.inertial, self.families, _checked(states), self.t)
+
+
+def _checked(states: States) -> States:
+    """Return the states. Raises ``TypeError`` for anything else, such as the solution that has them."""
+    if not isinstance(states, States):
+        raise TypeError(f"expected states, such as solution.states, not {type(states).__name__}")
+    return states
 
 
 def build_problem(

@@ -176,6 +176,11 @@ def posterior_covariance(root: SquareRoot) -> Covariance:
     Covariance
         Covariances of the states of keyframes and of neighbours, in the units of the states (SI).
 
+    Raises
+    ------
+    TypeError
+        For anything but a root, such as the solution that has it.
+
     Examples
     --------
     >>> import trackfg
@@ -185,6 +190,8 @@ def posterior_covariance(root: SquareRoot) -> Covariance:
     >>> solution = solve(build_problem(trackfg.read_recording("run1"), settings), settings.solver)
     >>> covariance = posterior_covariance(solution.root)
     """
+    if not isinstance(root, SquareRoot):
+        raise TypeError(f"expected the square root of a solution, solution.root, not {type(root).__name__}")
     n, size = len(root.R), root.size
     own, gain = np.empty((2, n, KEYFRAME_DIM, size))
     if compiled_kernels():

@@ -224,6 +224,15 @@ def test_a_family_on_keyframes_that_are_not_there_is_refused(plain: tuple[Proble
         problem.with_family(landmark(last, np.array([0.0]), np.array([5.0]), np.array([[0.1]]), None))
 
 
+def test_a_solution_in_the_place_of_a_part_of_it_is_refused(plain: tuple[Problem, Solution]) -> None:
+    problem, solution = plain
+    for take in (problem.errors, problem.to_gtsam):
+        with pytest.raises(TypeError, match=r"expected states, such as solution\.states, not Solution"):
+            take(solution)  # type: ignore[arg-type]
+    with pytest.raises(TypeError, match=r"solution\.root, not Solution"):
+        posterior_covariance(solution)  # type: ignore[arg-type]
+
+
 def test_keys_say_what_they_stand_for(plain: tuple[Problem, Solution]) -> None:
     problem, _ = plain
     export = problem.to_gtsam()
