@@ -15,6 +15,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -94,8 +95,11 @@ class Family(Outlined):
         for array in self.data.values():
             if len(array) != m or not _finite(array):
                 raise ValueError(f"{self.name}: measurements must be finite, {m} rows; got shape {array.shape}")
+        self._check_sigma()
+
+    def _check_sigma(self) -> None:
         if self.sigma.ndim != 2 or not (_finite(self.sigma) and (self.sigma > 0).all()):
-            raise ValueError(f"{self.name}: sigmas must be positive and finite, shape ({m}, d)")
+            raise ValueError(f"{self.name}: sigmas must be positive and finite, shape ({len(self)}, d)")
 
     def __len__(self) -> int:
         return len(self.sigma)
@@ -120,11 +124,17 @@ class Family(Outlined):
         slots = tuple(Slot(slot.kind, slot.index[index]) for slot in self.slots)
         data = {name: array[index] for name, array in self.data.items()}
         doubtful = None if self.doubtful is None else self.doubtful[index]
-        return self._like(slots, data, self.sigma[index], doubtful)
+        return self._with(slots=slots, data=data, sigma=self.sigma[index], doubtful=doubtful)
 
     def with_data(self, **data: Array) -> Family:
         """Return the family with other measurements, given by name."""
-        return self._like(self.slots, {**self.data, **data}, self.sigma, self.doubtful)
+        return self._with(data={**self.data, **data})
+
+    def with_sigma(self, sigma: Array) -> Family:
+        """Return the family with other sigmas (m, d). Raises ``ValueError`` where these are not positive or finite."""
+        family = self._with(sigma=sigma)
+        family._check_sigma()
+        return family
 
     def tail_of_chain(self, last: np.ndarray | slice, states: States) -> Family:
         """Return the ``last`` of the factors; a chained loss goes on from the states of those before."""
@@ -132,19 +142,17 @@ class Family(Outlined):
         if not isinstance(self.loss, SwitchChain):
             return rest
         norm = np.linalg.norm(self.whitened(states), axis=1)[: len(self) - len(rest)]
-        return replace(rest, loss=self.loss.after(norm))
+        return rest._with(loss=self.loss.after(norm))
 
     def shifted(self, by: int) -> Family:
         """Return the same factors on the keyframes that are ``by`` later."""
-        slots = (slot if slot.kind.shared else Slot(slot.kind, slot.index + by) for slot in self.slots)
-        return self._like(tuple(slots), self.data, self.sigma, self.doubtful)
+        slots = tuple(slot if slot.kind.shared else Slot(slot.kind, slot.index + by) for slot in self.slots)
+        return self._with(slots=slots)
 
-    def _like(
-        self, slots: tuple[Slot, ...], data: Mapping[str, Array], sigma: Array, doubtful: np.ndarray | None
-    ) -> Family:
-        """Return a family made from parts that were checked before: a stream makes hundreds a second."""
+    def _with(self, **parts: Any) -> Family:
+        """Return the family with other parts, which were checked before: a stream makes hundreds a second."""
         family = object.__new__(Family)
-        family.__dict__.update(self.__dict__, slots=slots, data=data, sigma=sigma, doubtful=doubtful)
+        family.__dict__.update(self.__dict__, **parts)
         return family
 
     def joined(self, *later: Family) -> Family:
@@ -152,8 +160,8 @@ class Family(Outlined):
         every = [family for family in (self, *later) if len(family)]
         if len(every) < 2:
             (only,) = every or [self]
-            return self._like(only.slots, only.data, only.sigma, only.doubtful)
-        slots = (
+            return self._with(slots=only.slots, data=only.data, sigma=only.sigma, doubtful=only.doubtful)
+        slots = tuple(
             Slot(same[0].kind, np.concatenate([slot.index for slot in same]))
             for same in zip(*(family.slots for family in every), strict=True)
         )
@@ -161,7 +169,7 @@ class Family(Outlined):
         doubts = [family.doubtful for family in every if family.doubtful is not None]
         doubtful = np.concatenate(doubts) if len(doubts) == len(every) else None
         sigma = np.concatenate([family.sigma for family in every])
-        return self._like(tuple(slots), data, sigma, doubtful)
+        return self._with(slots=slots, data=data, sigma=sigma, doubtful=doubtful)
 
     @property
     def first_keyframe(self) -> np.ndarray:

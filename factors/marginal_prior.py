@@ -25,7 +25,9 @@ from trackfg.factors.family import Family, in_kernel
 from trackfg.factors.linear import Slot
 from trackfg.factors.states import (
     ELIMINATION_ORDER,
+    KEYFRAME_DIM,
     SHARED,
+    SHARED_DIM,
     Kind,
     Nav,
     Odo,
@@ -36,7 +38,7 @@ from trackfg.factors.states import (
     vectors,
 )
 from trackfg.numerics.arrays import Array
-from trackfg.numerics.kernels import kernel_argument
+from trackfg.numerics.kernels import compiled_kernels, kernel_argument
 from trackfg.numerics.rotations import body_rates, cross, euler_rates, matrix_from_rpy, rpy_from_matrix, skew
 
 _KINDS = (*ELIMINATION_ORDER, *SHARED)
@@ -66,6 +68,12 @@ def _nav_coordinates(value: Nav, origin: Nav, rpy: Array, rpy_origin: Array, rat
 
 def step_from(origin: States, states: States) -> Step:
     """Return the step from ``origin`` to other states of as many keyframes, in this chart."""
+    if compiled_kernels():
+        from trackfg.numerics import compiled
+
+        keyframes, shared = np.empty((len(states), KEYFRAME_DIM)), np.empty(SHARED_DIM)
+        compiled.step_from(origin.arrays, states.arrays, keyframes, shared)
+        return Step(keyframes, np.concatenate([shared, (states.sensor - origin.sensor).ravel()]))
     parts = [local_coordinates(states.of(kind), origin.of(kind)) for kind in (*_KINDS, Kind.SENSOR)]
     shared = np.concatenate([part.ravel() for part in parts[_IN_KEYFRAME:]])
     return Step(np.concatenate(parts[:_IN_KEYFRAME], axis=1), shared)
@@ -86,6 +94,8 @@ def change_of_linearisation_point(origin: States, other: States) -> tuple[Array,
 
 def retract_in_chart(origin: States, step: Step) -> States:
     """Return ``origin`` moved by a step in this chart."""
+    if compiled_kernels():
+        return origin.moved_by_kernel(step, in_chart=True)
     states, x = origin.moved(step), step.of(Kind.NAV)
     turn, rpy, before = x[:, :3], rpy_from_matrix(origin.nav.R), origin.nav.own_velocity
     angles = rpy + np.einsum("mij,mj->mi", euler_rates(rpy), turn)

@@ -98,15 +98,17 @@ def _wheel(first: Odo, second: Odo, wheel: Array, response: Array) -> tuple[Arra
     return residual[:, None], (d_first, d_second, -response[:, None, :])
 
 
-def tach_distance(first: np.ndarray, response: Array, sigma: Array, loss: Loss | None) -> Family:
+def tach_distance(
+    first: np.ndarray, response: Array, sigma: Array, loss: Loss | None, doubtful: np.ndarray | None = None
+) -> Family:
     """The wheel rolls: scale times wheel distance is distance along the track, and what curves and force add.
 
     Residual (m): ``S_k (W_k+1 - W_k) - a_k+1 - response w``, positive when the wheel turns more than the vehicle moves
     (slip), negative when it turns less (slide). ``response`` (m, 5) is that of :func:`wheel_response` to the shared
-    ``WHEEL`` variable w. sigma (m, 1) covers creep, not rounding.
+    ``WHEEL`` variable w. sigma (m, 1) covers creep, not rounding. ``doubtful`` (m,): which of them seem to be slips.
     """
     slots = (Slot(Kind.ODO, first), Slot(Kind.ODO, first + 1), Slot(Kind.WHEEL, np.zeros_like(first)))
-    return Family(FactorType.TACH_DISTANCE, _wheel, slots, {"response": response}, sigma, loss)
+    return Family(FactorType.TACH_DISTANCE, _wheel, slots, {"response": response}, sigma, loss, doubtful)
 
 
 @in_kernel(linear_rows("tach_reading", "count", "rate", "since"))

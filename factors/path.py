@@ -31,6 +31,7 @@ from trackfg.factors.loss import Loss
 from trackfg.factors.motion import mount_derivative, mount_matrix, tracking_point
 from trackfg.factors.states import Kind, Nav
 from trackfg.numerics.arrays import Array
+from trackfg.numerics.kernels import compiled_kernels, kernel_argument
 from trackfg.numerics.rotations import skew, so3_log, so3_right_jacobian_inverse
 
 _LEAST_TURN = 1e-6
@@ -95,6 +96,14 @@ def _ahead_of_a_steady_turn(turn: Array, mean: Array, mean_by_time: Array) -> Ar
 
     A steady turn by v has the mean ``v x mean of (t/T)``, and K leaves its axis as it is but for that mean.
     """
+    if compiled_kernels():
+        from trackfg.numerics import compiled
+
+        ahead, turned = np.empty((len(turn), 3)), kernel_argument(turn)
+        compiled.ahead_of_a_steady_turn(
+            turned, kernel_argument(mean), kernel_argument(mean_by_time), _LEAST_TURN, ahead
+        )
+        return ahead
     v = so3_log(turn)
     square = np.sum(v * v, axis=1)
     by_axis = np.einsum("mi,mij,mj->m", v, mean_by_time, v)

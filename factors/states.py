@@ -37,7 +37,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from trackfg.numerics.arrays import Array
-from trackfg.numerics.kernels import kernel_argument
+from trackfg.numerics.kernels import compiled_kernels, kernel_argument
 from trackfg.numerics.key_figures import Outlined
 from trackfg.numerics.rotations import so3_exp, so3_log
 
@@ -241,12 +241,23 @@ class States(Outlined):
 
     def moved(self, step: Step) -> States:
         """Return every variable retracted by its part of a step."""
+        if compiled_kernels():
+            return self.moved_by_kernel(step, in_chart=False)
         parts = {kind: retract(self.of(kind), step.of(kind)) for kind in Kind}
         nav, odo = parts[Kind.NAV], parts[Kind.ODO]
         assert isinstance(nav, Nav)
         assert isinstance(odo, Odo)
         shared = (vectors(parts[kind]) for kind in (*SHARED, Kind.SENSOR))
         return States(nav, vectors(parts[Kind.BIAS]), odo, *shared)
+
+    def moved_by_kernel(self, step: Step, *, in_chart: bool) -> States:
+        """Do as :meth:`moved`, in ``kernels/chart.cpp``; ``in_chart``: in the chart of a marginal prior."""
+        from trackfg.numerics import compiled
+
+        moved = tuple(np.empty_like(values) for values in self.arrays)
+        compiled.retract(self.arrays, kernel_argument(step.keyframes), kernel_argument(step.shared), in_chart, moved)
+        R, p, v, bias, odo, mount, clock, imu, wheel = moved
+        return States(Nav(R, p, v), bias, Odo(odo), mount, clock, imu, wheel, self.sensor + step.of(Kind.SENSOR))
 
     def moved_along(self, by_m: float) -> States:
         """Return the states ``by_m`` further along the track."""

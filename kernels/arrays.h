@@ -84,6 +84,7 @@ inline PyObject *refused(const char *what) {
 }
 
 PyObject *eliminate(PyObject *, PyObject *arguments);
+PyObject *triangle(PyObject *, PyObject *arguments);
 PyObject *back_substitute(PyObject *, PyObject *arguments);
 PyObject *forward_substitute(PyObject *, PyObject *arguments);
 PyObject *covariances(PyObject *, PyObject *arguments);
@@ -91,11 +92,17 @@ PyObject *preintegrate(PyObject *, PyObject *arguments);
 PyObject *inertial_factors(PyObject *, PyObject *arguments);
 PyObject *predict(PyObject *, PyObject *arguments);
 PyObject *noise_floor(PyObject *, PyObject *arguments);
+PyObject *white_noise(PyObject *, PyObject *arguments);
+PyObject *interpolate_columns(PyObject *, PyObject *arguments);
 PyObject *compress(PyObject *, PyObject *arguments);
 PyObject *turning(PyObject *, PyObject *arguments);
+PyObject *ahead_of_a_steady_turn(PyObject *, PyObject *arguments);
 PyObject *means_around(PyObject *, PyObject *arguments);
 PyObject *linear_rows(PyObject *, PyObject *arguments);
 PyObject *marginal_prior(PyObject *, PyObject *arguments);
+PyObject *retract(PyObject *, PyObject *arguments);
+PyObject *step_from(PyObject *, PyObject *arguments);
+PyObject *quantities(PyObject *, PyObject *arguments);
 PyObject *switch_chain(PyObject *, PyObject *arguments);
 PyObject *spill(PyObject *, PyObject *arguments);
 PyObject *unspill(PyObject *, PyObject *arguments);

@@ -2,6 +2,7 @@
 //
 // Factors are read where they are: the matrix of a keyframe is made of what the one before left over and of its own
 // rows, one keyframe after the other.
+#include <algorithm>
 #include <cmath>
 #include <deque>
 #include <vector>
@@ -226,4 +227,23 @@ PyObject *eliminate(PyObject *, PyObject *arguments) {
     Py_END_ALLOW_THREADS;
     if (!determined) Py_RETURN_NONE;
     return Py_BuildValue("nn", left_rows, alone_rows);
+}
+
+// triangle(rows (m, n), out (min(m, n), n)): R of the QR of some rows, zero below its diagonal.
+PyObject *triangle(PyObject *, PyObject *arguments) {
+    PyObject *py[2];
+    if (!PyArg_ParseTuple(arguments, "OO", &py[0], &py[1])) return nullptr;
+    const Doubles given(py[0], 2), out(py[1], 2, true);
+    if (!given.ok() || !out.ok()) return nullptr;
+    const std::ptrdiff_t count = given.size(0), columns = given.size(1), kept = std::min(count, columns);
+    if (out.size(0) != kept || out.size(1) != columns) return refused("rows and a triangle");
+    Rows A;
+    Workspace work;
+    A.shape(count, columns);
+    for (std::ptrdiff_t i = 0; i < count; ++i) std::copy_n(given.data() + i * columns, columns, A.row(i));
+    triangularise(A, count, columns, work);
+    std::fill_n(out.data(), out.total(), 0.0);
+    for (std::ptrdiff_t i = 0; i < kept; ++i)
+        std::copy(A.row(i) + i, A.row(i) + columns, out.data() + i * columns + i);
+    Py_RETURN_NONE;
 }

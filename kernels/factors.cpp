@@ -5,12 +5,11 @@
 
 #include "arrays.h"
 #include "rotations.h"
+#include "states.h"
 
 namespace {
 
-constexpr int NAV = 9, BIAS = 6, ODO = 4, MOUNT = 5, CLOCK = 3, IMU = 26, WHEEL = 5, SENSOR = 2;
 constexpr int GYRO_RATE = 6;  // where W begins in IMU, row by row
-constexpr int DISTANCE = 0, SCALE = 1, COUNT = 2, STEP = 3;  // of ODO
 constexpr int MOST_SLOTS = 4, MOST_DATA = 8;
 
 // What a factor is computed from: the values that it touches, slot by slot, and its measurements. Values of NAV are its
@@ -45,21 +44,6 @@ struct Rows {
 
 Vector minus(const Vector &a) { return {{-a[0], -a[1], -a[2]}}; }
 Matrix operator-(const Matrix &a, const Matrix &b) { return a + (-1.0) * b; }
-Vector column(const Matrix &a, int j) { return {{a[0][j], a[1][j], a[2][j]}}; }
-
-// The mounting: travel axes to body axes, its derivatives by pitch and yaw, and the point that follows the track.
-struct Mounting {
-    Matrix R, by[2];
-    Vector point;
-
-    explicit Mounting(const double *mount) : point(vector(mount + 2)) {
-        const double cp = std::cos(mount[0]), sp = std::sin(mount[0]), cy = std::cos(mount[1]), sy = std::sin(mount[1]);
-        R = {{{cy * cp, -sy, cy * sp}, {sy * cp, cy, sy * sp}, {-sp, 0, cp}}};
-        by[0] = {{{-cy * sp, 0, cy * cp}, {-sy * sp, 0, sy * cp}, {-cp, 0, -sp}}};
-        by[1] = {{{-sy * cp, -cy, -sy * sp}, {cy * cp, -sy, cy * sp}, {0, 0, 0}}};
-    }
-    Vector forward() const { return column(R, 0); }
-};
 
 void distance_chain(const Given &given, const Rows &rows) {
     const double *first = given.value[0], *second = given.value[1];
@@ -258,9 +242,6 @@ void same_rail(const Given &given, const Rows &rows, int first, int start) {
 void rail_within(const Given &given, const Rows &rows) { same_rail(given, rows, 0, 0); }
 void rail_apart(const Given &given, const Rows &rows) { same_rail(given, rows, 0, 1); }
 
-// The kinds of variables in the order in which Python passes their values, those of NAV as three arrays.
-enum Variable { OF_NAV, OF_BIAS, OF_ODO, OF_MOUNT, OF_CLOCK, OF_IMU, OF_WHEEL, VARIABLES };
-constexpr int DIMENSION[VARIABLES] = {NAV, BIAS, ODO, MOUNT, CLOCK, IMU, WHEEL};
 constexpr Variable NONE = VARIABLES;
 
 struct Type {
@@ -290,73 +271,6 @@ const Type TYPES[] = {
     {"standstill", standstill, 6, {OF_NAV, OF_NAV, NONE, NONE}, {}},
     {"rail_within", rail_within, 2, {OF_NAV, OF_NAV, NONE, NONE}, {6, 3, 1, 1, 9, 9, 3, 3}},
     {"rail_apart", rail_apart, 2, {OF_NAV, OF_NAV, OF_NAV, NONE}, {6, 3, 1, 1, 9, 9, 3, 3}},
-};
-
-// Buffers of a tuple of arrays of doubles of any shape in C order: of each, how many rows and numbers it has.
-class Arrays {
-  public:
-    explicit Arrays(PyObject *tuple) {
-        if (!PyTuple_Check(tuple)) {
-            PyErr_SetString(PyExc_TypeError, "expected a tuple of arrays");
-            return;
-        }
-        count_ = PyTuple_Size(tuple);
-        if (count_ > MOST) {
-            refused("too many");
-            return;
-        }
-        for (; held_ < count_; ++held_)
-            if (PyObject_GetBuffer(PyTuple_GetItem(tuple, held_), &views_[held_], PyBUF_C_CONTIGUOUS | PyBUF_FORMAT) != 0)
-                return;
-        for (Py_ssize_t i = 0; i < count_; ++i) {
-            const char *format = views_[i].format == nullptr ? "B" : in_own_order(views_[i].format);
-            if (std::strcmp(format, "d") != 0 || views_[i].ndim < 1) {
-                PyErr_SetString(PyExc_TypeError, "expected arrays of doubles");
-                return;
-            }
-            if (!is_aligned(views_[i], alignof(double))) return;
-        }
-        ok_ = true;
-    }
-    ~Arrays() {
-        for (Py_ssize_t i = 0; i < held_; ++i) PyBuffer_Release(&views_[i]);
-    }
-    Arrays(const Arrays &) = delete;
-    Arrays &operator=(const Arrays &) = delete;
-
-    bool ok() const { return ok_; }
-    std::ptrdiff_t count() const { return count_; }
-    const double *data(std::ptrdiff_t i) const { return static_cast<const double *>(views_[i].buf); }
-    std::ptrdiff_t rows(std::ptrdiff_t i) const { return views_[i].shape[0]; }
-    std::ptrdiff_t total(std::ptrdiff_t i) const { return views_[i].len / static_cast<Py_ssize_t>(sizeof(double)); }
-    bool has(std::ptrdiff_t i, std::ptrdiff_t rows, std::ptrdiff_t numbers) const {
-        return this->rows(i) == rows && total(i) == rows * numbers;
-    }
-
-  private:
-    static constexpr Py_ssize_t MOST = 10;
-    Py_buffer views_[MOST];
-    Py_ssize_t count_ = 0, held_ = 0;
-    bool ok_ = false;
-};
-
-// Values of all variables, as States.arrays has them: R, p and v of NAV, then the others, one row for each variable.
-struct Values {
-    std::ptrdiff_t count[VARIABLES] = {};
-    const double *value[VARIABLES], *p, *v;
-    bool ok = false;
-
-    explicit Values(const Arrays &arrays) {
-        if (arrays.count() != VARIABLES + 2) return;
-        const std::ptrdiff_t keyframes = arrays.rows(0);
-        if (!arrays.has(0, keyframes, 9) || !arrays.has(1, keyframes, 3) || !arrays.has(2, keyframes, 3)) return;
-        value[OF_NAV] = arrays.data(0), p = arrays.data(1), v = arrays.data(2), count[OF_NAV] = keyframes;
-        for (int kind = OF_BIAS; kind < VARIABLES; ++kind) {
-            count[kind] = arrays.rows(kind + 2), value[kind] = arrays.data(kind + 2);
-            if (!arrays.has(kind + 2, count[kind], DIMENSION[kind])) return;
-        }
-        ok = true;
-    }
 };
 
 }  // namespace
@@ -443,42 +357,16 @@ PyObject *linear_rows(PyObject *, PyObject *arguments) {
 
 namespace {
 
-struct Angles {
-    double roll, pitch, yaw;
-
-    explicit Angles(const Matrix &R)
-        : roll(std::atan2(R[2][1], R[2][2])), pitch(std::asin(std::clamp(-R[2][0], -1.0, 1.0))),
-          yaw(std::atan2(R[1][0], R[0][0])) {}
-
-    Matrix euler_rates() const {
-        const double sr = std::sin(roll), cr = std::cos(roll), cp = std::cos(pitch), tp = std::tan(pitch);
-        return {{{1, sr * tp, cr * tp}, {0, cr, -sr}, {0, sr / cp, cr / cp}}};
-    }
-    Matrix body_rates() const {
-        const double sr = std::sin(roll), cr = std::cos(roll), sp = std::sin(pitch), cp = std::cos(pitch);
-        return {{{1, 0, -sp}, {0, cr, sr * cp}, {0, -sr, cr * cp}}};
-    }
-};
-
-// The tangent of a navigation state from its linearisation point in the chart of trackfg.factors.marginal_prior, and the
-// derivative of that by the tangent of the state.
-void nav_coordinates(const Given &given, double (&tangent)[NAV], double (&by_state)[NAV][NAV]) {
-    const Matrix R = given.R(0), R_origin = given.R(1), back = transposed(R_origin);
-    const Angles angles(R), origin(R_origin);
-    const Matrix rates = origin.body_rates();
-    double yaw = angles.yaw - origin.yaw;
-    yaw -= 2.0 * M_PI * std::nearbyint(yaw / (2.0 * M_PI));
-    const Vector turn = rates * Vector{{angles.roll - origin.roll, angles.pitch - origin.pitch, yaw}};
-    const Vector shift = back * (given.position(0) - given.position(1)), own = given.own_velocity(0);
-    const Vector before = given.own_velocity(1), faster = own - before - cross(before, turn);
-    const Matrix by_turn = rates * angles.euler_rates(), by_shift = back * R;
-    const Matrix faster_by_turn = skew(own) - skew(before) * by_turn;
+// The derivative of a navigation state's tangent from its linearisation point, in the chart, by the tangent of the state.
+void chart_by_state(const NavState &state, const NavState &origin, double (&out)[NAV][NAV]) {
+    const Matrix by_turn = Angles(origin.R).body_rates() * Angles(state.R).euler_rates();
+    const Matrix by_shift = transposed(origin.R) * state.R;
+    const Matrix faster_by_turn = skew(state.own_velocity()) - skew(origin.own_velocity()) * by_turn;
     for (int i = 0; i < 3; ++i) {
-        tangent[i] = turn[i], tangent[3 + i] = shift[i], tangent[6 + i] = faster[i];
-        by_state[6 + i][6 + i] = 1.0;
+        out[6 + i][6 + i] = 1.0;
         for (int j = 0; j < 3; ++j) {
-            by_state[i][j] = by_turn[i][j], by_state[3 + i][3 + j] = by_shift[i][j];
-            by_state[6 + i][j] = faster_by_turn[i][j];
+            out[i][j] = by_turn[i][j], out[3 + i][3 + j] = by_shift[i][j];
+            out[6 + i][j] = faster_by_turn[i][j];
         }
     }
 }
@@ -504,18 +392,11 @@ PyObject *marginal_prior(PyObject *, PyObject *arguments) {
     if (!sensor_origin.ok() || !A.ok() || !b.ok() || !sigma.ok() || !rows.ok()) return nullptr;
     const Values values(arrays), origins(origin_arrays);
     if (!values.ok || !origins.ok || keyframe < 0 || keyframe >= values.count[OF_NAV]) return refused("values");
-    constexpr Variable ORDER[] = {OF_ODO, OF_BIAS, OF_NAV, OF_MOUNT, OF_CLOCK, OF_IMU, OF_WHEEL};
-    std::ptrdiff_t n = 0;
-    for (const Variable kind : ORDER) {
-        n += DIMENSION[kind];
-        const bool shared = kind >= OF_MOUNT;
-        if (origins.count[kind] != 1 || values.count[kind] != (shared ? 1 : values.count[OF_NAV]))
-            return refused("values");
-    }
+    if (!values.of_one_run() || !origins.of_one_run() || origins.count[OF_NAV] != 1) return refused("values");
     const std::ptrdiff_t of_sensors = sensor_origin.total(), tall = A.size(0);
     if (sensor.size(1) != SENSOR || sensor_origin.size(1) != SENSOR || sensor_origin.size(0) != sensor.size(0))
         return refused("sensors");
-    n += of_sensors;
+    const std::ptrdiff_t n = KEYFRAME + SHARED + of_sensors;
     if (A.size(1) != n || b.size(0) != tall || sigma.size(0) != tall || rows.size(0) != tall || rows.size(1) != n + 1)
         return refused("rows");
 
@@ -526,14 +407,12 @@ PyObject *marginal_prior(PyObject *, PyObject *arguments) {
     for (const Variable kind : ORDER) {
         const std::ptrdiff_t own = kind >= OF_MOUNT ? 0 : keyframe;
         if (kind == OF_NAV) {
-            Given given{};
-            given.value[0] = values.value[OF_NAV] + 9 * own, given.value[1] = origins.value[OF_NAV];
-            given.p[0] = values.p + 3 * own, given.p[1] = origins.p;
-            given.v[0] = values.v + 3 * own, given.v[1] = origins.v;
-            double tangent[NAV];
-            nav_coordinates(given, tangent, by_state);
+            const NavState state = values.nav(keyframe), origin = origins.nav(0);
+            const InChart tangent(state, origin);
+            chart_by_state(state, origin, by_state);
             at_nav = static_cast<std::ptrdiff_t>(x.size());
-            x.insert(x.end(), tangent, tangent + NAV);
+            for (const Vector &part : {tangent.turn, tangent.shift, tangent.faster})
+                x.insert(x.end(), part.x, part.x + 3);
         } else
             for (int i = 0; i < DIMENSION[kind]; ++i)
                 x.push_back(values.value[kind][own * DIMENSION[kind] + i] - origins.value[kind][i]);

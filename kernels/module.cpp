@@ -3,6 +3,7 @@
 
 static PyMethodDef methods[] = {
     {"eliminate", eliminate, METH_VARARGS, "Eliminate some keyframes of a chain by QR."},
+    {"triangle", triangle, METH_VARARGS, "Factorise some rows by QR."},
     {"back_substitute", back_substitute, METH_VARARGS, "Solve for all keyframes of a chain, from its conditionals."},
     {"forward_substitute", forward_substitute, METH_VARARGS, "Solve the transposed system of a chain."},
     {"covariances", covariances, METH_VARARGS, "Compute the covariances of all keyframes of a chain."},
@@ -10,11 +11,17 @@ static PyMethodDef methods[] = {
     {"inertial_factors", inertial_factors, METH_VARARGS, "Linearise inertial factors, or compute their residuals."},
     {"predict", predict, METH_VARARGS, "Predict the state after an interval."},
     {"noise_floor", noise_floor, METH_VARARGS, "Look for the white noise of inertial samples."},
+    {"white_noise", white_noise, METH_VARARGS, "Add up the white noise between times."},
+    {"interpolate_columns", interpolate_columns, METH_VARARGS, "Interpolate the columns of a table."},
     {"compress", compress, METH_VARARGS, "Compress inertial samples to increments."},
     {"turning", turning, METH_VARARGS, "Follow the attitude along intervals."},
+    {"ahead_of_a_steady_turn", ahead_of_a_steady_turn, METH_VARARGS, "Compare turns with steady ones."},
     {"means_around", means_around, METH_VARARGS, "Average samples around times."},
     {"linear_rows", linear_rows, METH_VARARGS, "Linearise factors of a type."},
     {"marginal_prior", marginal_prior, METH_VARARGS, "Linearise a marginal prior."},
+    {"retract", retract, METH_VARARGS, "Move states by a step."},
+    {"step_from", step_from, METH_VARARGS, "Compute the step from states to others."},
+    {"quantities", quantities, METH_VARARGS, "Differentiate what a trajectory tells."},
     {"switch_chain", switch_chain, METH_VARARGS, "Find the states of a chain of switches."},
     {"spill", spill, METH_VARARGS, "Lay large arrays beyond a budget into a file."},
     {"unspill", unspill, METH_VARARGS, "Leave arrays to another handler of memory again."},
@@ -28,7 +35,7 @@ static PyModuleDef definition = {
 PyMODINIT_FUNC PyInit_compiled() {
     PyObject *module = PyModule_Create(&definition);
     // Raised by one whenever a function's arguments change, so that a build of older sources is not called.
-    if (module != nullptr && (PyModule_AddIntConstant(module, "REVISION", 10) != 0 ||
+    if (module != nullptr && (PyModule_AddIntConstant(module, "REVISION", 11) != 0 ||
                               PyModule_AddIntConstant(module, "DELTA_SIZE", DELTA_SIZE) != 0)) {
         Py_DECREF(module);
         return nullptr;

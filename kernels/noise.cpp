@@ -369,3 +369,46 @@ PyObject *noise_floor(PyObject *, PyObject *arguments) {
     Py_END_ALLOW_THREADS;
     return Py_BuildValue("(nn)", hides, shows);
 }
+
+// white_noise(t (m + 1), knots (b + 1), seen (b, 6), declared (6), clearly, lost_t (h), lost (h, 6), shock_t (k), shock (k, 6),
+// variance (m, 6)): the densities squared between times, as NoiseFloor.between has them. All times are in order.
+PyObject *white_noise(PyObject *, PyObject *arguments) {
+    PyObject *o[9];
+    double clearly;
+    if (!PyArg_ParseTuple(arguments, "OOOOdOOOOO", &o[0], &o[1], &o[2], &o[3], &clearly, &o[4], &o[5], &o[6], &o[7], &o[8]))
+        return nullptr;
+    const Doubles times(o[0], 1), knots(o[1], 1), seen(o[2], 2), declared(o[3], 1), variance(o[8], 2, true);
+    const Doubles event_t[2] = {{o[4], 1}, {o[6], 1}}, events[2] = {{o[5], 2}, {o[7], 2}};
+    if (!times.ok() || !knots.ok() || !seen.ok() || !declared.ok() || !variance.ok()) return nullptr;
+    for (int i = 0; i < 2; ++i)
+        if (!event_t[i].ok() || !events[i].ok()) return nullptr;
+    const std::ptrdiff_t intervals = variance.size(0), blocks = seen.size(0);
+    if (times.size(0) != intervals + 1 || variance.size(1) != CHANNELS) return refused("results");
+    if (blocks < 1 || knots.size(0) != blocks + 1 || seen.size(1) != CHANNELS || declared.size(0) != CHANNELS)
+        return refused("blocks");
+    for (int i = 0; i < 2; ++i)
+        if (event_t[i].size(0) != events[i].size(0) || events[i].size(1) != CHANNELS) return refused("events");
+    const double *t = times.data(), *knot = knots.data();
+    for (std::ptrdiff_t k = 0; k < intervals; ++k) {
+        const double span = t[k + 1] - t[k];
+        double *out = variance.data() + k * CHANNELS;
+        std::fill_n(out, CHANNELS, 0.0);
+        for (std::ptrdiff_t b = std::max<std::ptrdiff_t>(std::upper_bound(knot, knot + blocks, t[k]) - knot - 1, 0);
+             b < blocks && knot[b] < t[k + 1]; ++b) {
+            const double part = std::max(std::min(t[k + 1], knot[b + 1]) - std::max(t[k], knot[b]), 0.0);
+            for (int i = 0; i < CHANNELS; ++i) {
+                const double own = seen.data()[b * CHANNELS + i], least = declared.data()[i];
+                out[i] += (own > clearly * least ? own : least) * part;
+            }
+        }
+        for (int kind = 0; kind < 2; ++kind) {
+            double sum[CHANNELS] = {};
+            const double *first = event_t[kind].data(), *last = first + event_t[kind].size(0);
+            for (std::ptrdiff_t j = std::lower_bound(first, last, t[k]) - first; first + j < last && first[j] < t[k + 1]; ++j)
+                for (int i = 0; i < CHANNELS; ++i) sum[i] += events[kind].data()[j * CHANNELS + i];
+            for (int i = 0; i < CHANNELS; ++i) out[i] += sum[i] * sum[i];
+        }
+        for (int i = 0; i < CHANNELS; ++i) out[i] /= span;
+    }
+    Py_RETURN_NONE;
+}

@@ -61,6 +61,8 @@ inline Matrix operator+(const Matrix &a, const Matrix &b) {
     return out;
 }
 
+inline Vector column(const Matrix &a, int j) { return {{a[0][j], a[1][j], a[2][j]}}; }
+
 const Matrix IDENTITY = {{{1, 0, 0}, {0, 1, 0}, {0, 0, 1}}};
 
 // Coefficients of the exponential map of a rotation vector t and of its right Jacobian, with W = [t]x:

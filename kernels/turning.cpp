@@ -22,6 +22,30 @@ Vector difference_times(const double *rate, const Vector &bias, double h) {
 void write(double *to, const Vector &from) { std::copy(from.x, from.x + 3, to); }
 void write(double *to, const Matrix &from) { std::copy(&from.x[0][0], &from.x[0][0] + 9, to); }
 
+// The rotation vector of a mean of rotations, which is none itself: that of its quaternion of any length (Shepperd's
+// method), as so3_log() in trackfg.numerics.rotations has it.
+Vector mean_turn(const Matrix &R) {
+    const double trace = R[0][0] + R[1][1] + R[2][2];
+    double q[4] = {1 + trace, R[2][1] - R[1][2], R[0][2] - R[2][0], R[1][0] - R[0][1]};
+    if (!(trace > 0)) {
+        int best = 0;
+        double squares[4] = {q[0]};
+        for (int i = 0; i < 3; ++i) {
+            squares[1 + i] = 1 + 2 * R[i][i] - trace;
+            if (squares[1 + i] > squares[best]) best = 1 + i;
+        }
+        if (best > 0) {
+            const int k = best - 1;
+            q[0] = q[best];
+            for (int i = 0; i < 3; ++i) q[1 + i] = i == k ? squares[best] : R[i][k] + R[k][i];
+        }
+    }
+    const Vector axis = vector(q + 1);
+    const double norm = std::sqrt(dot(axis, axis)), along = std::abs(q[0]);
+    const double factor = norm < 1e-8 * along ? 2 / along : 2 * std::atan2(norm, along) / norm;
+    return std::copysign(factor, q[0]) * axis;
+}
+
 }  // namespace
 
 // compress(edges (n + 1), gyro (n, 3), accel (n, 3), starts (m + 1), bias (3), duration (m), rotation (m, 3),
@@ -116,6 +140,28 @@ PyObject *turning(PyObject *, PyObject *arguments) {
     Py_RETURN_NONE;
 }
 
+// ahead_of_a_steady_turn(turn (m, 3, 3), mean (m, 3, 3), mean_by_time (m, 3, 3), least, ahead (m, 3)): see
+// trackfg.factors.path. A turn by less than `least` has no axis.
+PyObject *ahead_of_a_steady_turn(PyObject *, PyObject *arguments) {
+    PyObject *py[4];
+    double least;
+    if (!PyArg_ParseTuple(arguments, "OOOdO", &py[0], &py[1], &py[2], &least, &py[3])) return nullptr;
+    const Doubles turn(py[0], 3), mean(py[1], 3), mean_by_time(py[2], 3), ahead(py[3], 2, true);
+    if (!turn.ok() || !mean.ok() || !mean_by_time.ok() || !ahead.ok()) return nullptr;
+    const std::ptrdiff_t intervals = turn.size(0);
+    for (const Doubles *one : {&turn, &mean, &mean_by_time})
+        if (one->size(0) != intervals || one->size(1) != 3 || one->size(2) != 3) return refused("intervals");
+    if (ahead.size(0) != intervals || ahead.size(1) != 3) return refused("intervals");
+    for (std::ptrdiff_t k = 0; k < intervals; ++k) {
+        const Vector v = logarithm(matrix(turn.data() + 9 * k));
+        const Matrix late = matrix(mean_by_time.data() + 9 * k);
+        const double square = dot(v, v), trace = late[0][0] + late[1][1] + late[2][2];
+        const double part = square > least * least ? dot(v, late * v) / square : trace / 3.0;
+        write(ahead.data() + 3 * k, mean_turn(matrix(mean.data() + 9 * k)) + (-part) * v);
+    }
+    Py_RETURN_NONE;
+}
+
 // means_around(t (m), width, edges (n + 1), samples (n, 3), means (m, 3)): means over `width` around each time.
 PyObject *means_around(PyObject *, PyObject *arguments) {
     PyObject *py[4];
@@ -138,5 +184,26 @@ PyObject *means_around(PyObject *, PyObject *arguments) {
         for (int axis = 0; axis < 3; ++axis) means.data()[3 * k + axis] = sum[axis] / (end - begin);
     }
     Py_END_ALLOW_THREADS;
+    Py_RETURN_NONE;
+}
+
+// interpolate_columns(at (m), t (n), values (n, c), out (m, c)): linearly, constant before the first and after the last time.
+PyObject *interpolate_columns(PyObject *, PyObject *arguments) {
+    PyObject *py[4];
+    if (!PyArg_ParseTuple(arguments, "OOOO", &py[0], &py[1], &py[2], &py[3])) return nullptr;
+    const Doubles at(py[0], 1), times(py[1], 1), values(py[2], 2), out(py[3], 2, true);
+    if (!at.ok() || !times.ok() || !values.ok() || !out.ok()) return nullptr;
+    const std::ptrdiff_t n = times.size(0), columns = values.size(1);
+    if (n < 1 || values.size(0) != n) return refused("values");
+    if (out.size(0) != at.size(0) || out.size(1) != columns) return refused("results");
+    const double *t = times.data();
+    for (std::ptrdiff_t i = 0; i < at.size(0); ++i) {
+        const std::ptrdiff_t next = std::upper_bound(t, t + n, at.data()[i]) - t;
+        const double *late = values.data() + std::min(next, n - 1) * columns;
+        const double *early = values.data() + std::max<std::ptrdiff_t>(next - 1, 0) * columns;
+        const double share = next > 0 && next < n ? (at.data()[i] - t[next - 1]) / (t[next] - t[next - 1]) : 0.0;
+        for (std::ptrdiff_t c = 0; c < columns; ++c)
+            out.data()[i * columns + c] = early[c] + share * (late[c] - early[c]);
+    }
     Py_RETURN_NONE;
 }

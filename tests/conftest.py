@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib
 import signal
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -25,12 +25,14 @@ settings.load_profile("any machine")
 
 
 @pytest.fixture(params=["numpy", "compiled"])
-def kernels(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> str:
+def kernels(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Iterator[str]:
     """Every test that uses this runs with numpy, and with the compiled kernels where they are installed."""
     if request.param == "compiled" and not compiled_kernels():
         pytest.skip("trackfg is installed without compiled kernels")
     monkeypatch.setenv("TRACKFG_KERNELS", request.param)
-    return str(request.param)
+    compiled_kernels.cache_clear()
+    yield str(request.param)
+    compiled_kernels.cache_clear()
 
 
 @pytest.fixture
@@ -42,8 +44,10 @@ def with_both(monkeypatch: pytest.MonkeyPatch) -> Callable[[Callable[[], Any]], 
     def both(function: Callable[[], Any]) -> tuple[Any, Any]:
         compiled = function()
         monkeypatch.setenv("TRACKFG_KERNELS", "numpy")
+        compiled_kernels.cache_clear()
         theirs = function()
         monkeypatch.delenv("TRACKFG_KERNELS")
+        compiled_kernels.cache_clear()
         return compiled, theirs
 
     return both

@@ -56,6 +56,24 @@ def test_small_steps_are_those_of_the_graph() -> None:
     np.testing.assert_allclose(one.v, other.v, atol=1e-9)
 
 
+@pytest.mark.parametrize("sensors", [0, 2])
+def test_kernels_move_states_as_numpy_does(
+    sensors: int, with_both: Callable[[Callable[[], Any]], tuple[Any, Any]]
+) -> None:
+    """By a step and back, over several keyframes, in the chart of the graph and in this one."""
+    rng = np.random.default_rng(3)
+    origin = replace(one_keyframe(rng).joined(one_keyframe(rng)), sensor=rng.standard_normal((sensors, 2)))
+    step = Step(0.4 * rng.standard_normal((2, KEYFRAME_DIM)), 0.4 * rng.standard_normal(SHARED_DIM + 2 * sensors))
+
+    def computed() -> list[np.ndarray]:
+        one, other = origin.moved(step), retract_in_chart(origin, step)
+        back = step_from(origin, other)
+        return [*one.arrays, one.sensor, *other.arrays, other.sensor, back.keyframes, back.shared]
+
+    for ours, theirs in zip(*with_both(computed), strict=True):
+        np.testing.assert_allclose(ours, theirs, atol=1e-13)
+
+
 def turned(states: States, angle: float) -> States:
     """With the velocity, about the vertical."""
     about = matrix_from_rpy(np.zeros(1), np.zeros(1), np.full(1, angle))

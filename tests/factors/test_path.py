@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -136,3 +139,21 @@ def test_noise_of_the_gyro_leaves_a_bridge_that_is_independent_of_the_turn() -> 
     turned = gyro.reshape(runs, per, 3).sum(axis=1)
     for row, axis in ((0, 2), (1, 1)):
         assert abs(np.corrcoef(residual[:, row], turned[:, axis])[0, 1]) < 4.0 / np.sqrt(runs)
+
+
+@pytest.mark.parametrize("size", [0.0, 1e-8, 1e-3, 0.5, 3.0])
+def test_the_kernel_compares_turns_with_steady_ones_as_numpy_does(
+    size: float, with_both: Callable[[Callable[[], Any]], tuple[Any, Any]]
+) -> None:
+    random = np.random.default_rng(1)
+    turn = so3_exp(size * random.normal(size=(4, 3)) / np.sqrt(3.0))
+    mean = np.mean(so3_exp(0.5 * size * random.normal(size=(5, 4, 3))), axis=0)  # no rotation
+    by_time = 0.5 * np.eye(3) + 0.1 * size * random.normal(size=(4, 3, 3))
+    first = np.arange(4)
+
+    def ahead() -> np.ndarray:
+        path = follows_path(first, turn, mean, by_time, np.zeros(3), np.ones((4, 2)), None)
+        return path.data["ahead"]
+
+    ours, theirs = with_both(ahead)
+    np.testing.assert_allclose(ours, theirs, atol=1e-12)

@@ -14,8 +14,6 @@ What is left beyond is slip, and the loss switches the wheel off there.
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from trackfg.factors.family import Family
@@ -84,8 +82,7 @@ def tach_factors(inputs: GraphInputs) -> list[Family]:
     sigma = np.sqrt(variance)[:, None] * inputs.config.noise.tach
     response = response_of_wheels(inputs, offset=inputs.wheel.integrates_speed)
     assert inputs.rolling is not None
-    wheel = tach_distance(k, response, sigma, loss)
-    wheel = replace(wheel, doubtful=inputs.rolling.slips_within(inputs.t))
+    wheel = tach_distance(k, response, sigma, loss, inputs.rolling.slips_within(inputs.t))
     read = _readable(inputs)
     at = inputs.t[read]
     # The rate of the count itself has the noise of its rounding, by which each reading would contradict any offset.

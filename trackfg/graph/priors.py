@@ -136,6 +136,6 @@ def with_free_start(families: tuple[Family, ...]) -> tuple[Family, ...]:
     def anywhere(family: Family) -> Family:
         sigma = family.sigma.copy()
         sigma[:, 0] = _ANYWHERE_SD_M
-        return replace(family, sigma=sigma)
+        return family.with_sigma(sigma)
 
     return changed(families, FactorType.PRIOR_ODO, anywhere)

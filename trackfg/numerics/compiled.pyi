@@ -24,6 +24,7 @@ def eliminate(
 def back_substitute(
     R: Array, S: Array, beyond: Array, ahead: np.ndarray, nav: tuple[int, int], shared: Array, x: Array, /
 ) -> None: ...
+def triangle(rows: Array, out: Array, /) -> None: ...
 def forward_substitute(
     R: Array, S: Array, beyond: Array, ahead: np.ndarray, nav: tuple[int, int], shared: Array, x: Array, /
 ) -> None: ...
@@ -61,6 +62,19 @@ def noise_floor(
     shock: Array,
     /,
 ) -> tuple[int, int]: ...
+def white_noise(
+    t: Array,
+    knots: Array,
+    seen: Array,
+    declared: Array,
+    clearly: float,
+    lost_t: Array,
+    lost: Array,
+    shock_t: Array,
+    shock: Array,
+    variance: Array,
+    /,
+) -> None: ...
 def compress(
     edges: Array,
     gyro: Array,
@@ -84,7 +98,9 @@ def turning(
     mean_by_time: Array,
     /,
 ) -> None: ...
+def ahead_of_a_steady_turn(turn: Array, mean: Array, mean_by_time: Array, least: float, ahead: Array, /) -> None: ...
 def means_around(t: Array, width: float, edges: Array, samples: Array, means: Array, /) -> None: ...
+def interpolate_columns(at: Array, t: Array, values: Array, out: Array, /) -> None: ...
 def linear_rows(
     type: str,
     values: tuple[Array, ...],
@@ -107,6 +123,11 @@ def marginal_prior(
     rows: Array,
     /,
 ) -> bool: ...
+def retract(
+    values: tuple[Array, ...], keyframes: Array, shared: Array, in_chart: bool, moved: tuple[Array, ...], /
+) -> None: ...
+def step_from(origin: tuple[Array, ...], values: tuple[Array, ...], keyframes: Array, shared: Array, /) -> None: ...
+def quantities(R: Array, v: Array, mount: Array, lever_arm: Array, J: Array, /) -> None: ...
 def switch_chain(
     z: Array, transition: Array, stay_cost: float, outlier: float, inlier_before: float, first: Array, /
 ) -> float: ...

@@ -13,14 +13,15 @@ import numpy as np
 
 from trackfg.numerics.arrays import Array
 
-_REVISION = 10
+_REVISION = 11
 """Revision of the kernels' arguments, as in ``kernels/module.cpp``. A module with another one was compiled from other
 sources and is not used.
 """
 
 
+@cache
 def compiled_kernels() -> bool:
-    """Return whether :mod:`trackfg.numerics.compiled` is there and may be used."""
+    """Return whether :mod:`trackfg.numerics.compiled` is there and may be used: the environment is read once."""
     return _built() and os.environ.get("TRACKFG_KERNELS") != "numpy"
 
 
@@ -39,7 +40,6 @@ def kernel_argument(values: Array) -> Array:
     return np.require(values, np.float64, ["C_CONTIGUOUS", "ALIGNED"])
 
 
-@cache
 def _built() -> bool:
     try:
         from trackfg.numerics import compiled

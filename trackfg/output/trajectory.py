@@ -9,6 +9,7 @@ from trackfg.factors.motion import mount_axes, mount_matrix, tracking_point
 from trackfg.factors.states import KEYFRAME_DIM, SHARED_DIM, Kind, Odo, States, offset_in_keyframe
 from trackfg.graph.run_context import RunContext
 from trackfg.numerics.arrays import Array
+from trackfg.numerics.kernels import compiled_kernels, kernel_argument
 from trackfg.numerics.rotations import cross, euler_rates, rpy_from_matrix, skew
 from trackfg.output.dense_motion import DenseMotion
 from trackfg.solver.covariance import Covariance
@@ -118,6 +119,13 @@ def keyframe_jacobian(states: States, lever_arm: Array) -> Array:
     8, d).
     """
     nav, mount, n = states.nav, states.mount, len(states)
+    if compiled_kernels():
+        from trackfg.numerics import compiled
+
+        J = np.empty((n, len(QUANTITIES), KEYFRAME_DIM + SHARED_DIM))
+        R, v, of_mount, arm = map(kernel_argument, (nav.R, nav.v, mount[0], lever_arm))
+        compiled.quantities(R, v, of_mount, arm, J)
+        return J
     odo, at = offset_in_keyframe(Kind.ODO), offset_in_keyframe(Kind.NAV)
     turn, shift, faster = slice(at, at + 3), slice(at + 3, at + 6), slice(at + 6, at + 9)
     mounting = slice(KEYFRAME_DIM, KEYFRAME_DIM + 2)

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.kernels import compiled_kernels, kernel_argument
 from trackfg.numerics.key_figures import Outlined
+from trackfg.numerics.robust import median
 from trackfg.numerics.rotations import cross, matrix_from_quaternion, quaternion_exp, quaternion_log
 from trackfg.numerics.spans import median_interval, true_runs
 from trackfg.recording.model import Recording
@@ -55,7 +56,7 @@ class Intervals(Outlined):
     @cached_property
     def usual_duration(self) -> float:
         """Median length of the intervals, s."""
-        return float(np.median(self.durations))
+        return median(self.durations)
 
     def gaps(self) -> Array:
         """Bridged spans as rows (start, end), s. Shape (g, 2)."""
@@ -126,6 +127,12 @@ def means_between(begin: Array, end: Array, edges: Array, samples: Array) -> Arr
 
 def interpolate_columns(at: Array, t: Array, values: Array) -> Array:
     """Each column of ``values`` (n, c), given at ``t`` (n,), linearly at ``at`` (m,). Shape (m, c)."""
+    if compiled_kernels():
+        from trackfg.numerics import compiled
+
+        out = np.empty((len(at), values.shape[1]))
+        compiled.interpolate_columns(kernel_argument(at), kernel_argument(t), kernel_argument(values), out)
+        return out
     return np.stack([np.interp(at, t, values[:, c]) for c in range(values.shape[1])], axis=1)
 
 

@@ -158,7 +158,7 @@ class NoiseFloor:
     """The floor of spectra is a density squared, ``seen`` (b, 6), gyro first, between times ``knots`` (b + 1,), s.
 
     At times ``lost_t`` (h,), s, samples hide a turn (rad) or a change of velocity (m/s) of about ``lost`` (h, 6), and
-    at ``shock_t`` (k,), s, they show a change ``shock`` (k, 6) that was none.
+    at ``shock_t`` (k,), s, they show a change ``shock`` (k, 6) that was none. All times are in order.
     """
 
     knots: Array
@@ -192,6 +192,14 @@ class NoiseFloor:
     def between(self, t: Array, gyro: float, accel: float) -> WhiteNoise:
         """Return the white noise between times ``t`` (m + 1,), s: as seen, but at least as declared."""
         declared, span = np.repeat([gyro, accel], 3) ** 2, np.diff(t)[:, None]
+        if compiled_kernels():
+            from trackfg.numerics import compiled
+
+            t, knots, seen = map(kernel_argument, (t, self.knots, self.seen))
+            lost_t, lost, shock_t, shock = map(kernel_argument, (self.lost_t, self.lost, self.shock_t, self.shock))
+            variance = np.empty((len(span), 6))
+            compiled.white_noise(t, knots, seen, declared, _CLEARLY, lost_t, lost, shock_t, shock, variance)
+            return WhiteNoise.of_variance(variance)
         white = np.where(self.seen > _CLEARLY * declared, self.seen, declared)
         total = np.concatenate([np.zeros((1, 6)), np.cumsum(white * np.diff(self.knots)[:, None], axis=0)])
         lost, shocks = (_summed(t, *parts) for parts in ((self.lost_t, self.lost), (self.shock_t, self.shock)))

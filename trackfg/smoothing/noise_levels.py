@@ -214,7 +214,7 @@ def _with_level(
     def scaled(family: Family) -> Family:
         sigma = family.sigma.copy()
         sigma[:, columns] *= factor
-        return replace(family, sigma=sigma)
+        return family.with_sigma(sigma)
 
     return replace(problem, families=changed(problem.families, kind, scaled))
 

@@ -73,7 +73,7 @@ def rectification(run: SolvedRun) -> Reassessment:
     def known_to(family: Family) -> Family:
         sigma = family.sigma.copy()
         sigma[:, RECTIFICATION] = wanted
-        return replace(family, sigma=sigma)
+        return family.with_sigma(sigma)
 
     problem = replace(problem, families=changed(problem.families, FactorType.PRIOR_IMU, known_to))
     return Reassessment(problem, findings, doubts, changed=True)

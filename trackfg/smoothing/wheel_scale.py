@@ -80,7 +80,7 @@ def wheel_scale(run: SolvedRun) -> Reassessment:
     if walks.any() and not walks.all():
         return Reassessment(problem, _findings(run))
     states, per_sqrt_m = run.solution.states, run.config.tach.scale_walk_per_sqrt_m
-    constant = replace(chain, sigma=declared.sigma)
+    constant = chain.with_sigma(declared.sigma)
     # A speed signal whose rows show steps has a free offset already.
     may_have_offset = problem.wheel.integrates_speed and problem.wheel.offset_sd_mps == 0.0
     families = _with_offset(problem.families, SET_OFFSET_SD_MPS) if may_have_offset else tuple(problem.families)
@@ -142,7 +142,7 @@ def _likeliest_walk(evidence: ScaleEvidence, constant: Family, declared: float, 
 
 def _walking(chain: Family, factor: float) -> Family:
     """Return the chain of distances with a scale that walks so many times as fast."""
-    return replace(chain, sigma=chain.sigma * [1.0, factor])
+    return chain.with_sigma(chain.sigma * [1.0, factor])
 
 
 def _walking_where_it_changes(evidence: ScaleEvidence, chain: Family, declared: Family, t: Array) -> Family:
@@ -158,7 +158,7 @@ def _walking_where_it_changes(evidence: ScaleEvidence, chain: Family, declared: 
         begin, end = spans.pop()
         sigma = chain.sigma.copy()
         sigma[begin:end] = declared.sigma[begin:end]
-        trial = replace(chain, sigma=sigma)
+        trial = chain.with_sigma(sigma)
         likelihood = evidence.log_likelihood(trial)
         if likelihood > most + CLEARLY:
             chain, most = trial, likelihood
@@ -171,7 +171,7 @@ def _walking_where_it_changes(evidence: ScaleEvidence, chain: Family, declared: 
     for forwards in (False, True):
         chain = _with_its_edges(evidence, chain, walking, begins, shortest, forwards=forwards)
     walks = chain.sigma[:, 1] != declared.sigma[:, 1]
-    wider = [replace(chain, sigma=np.where(walks[:, None], chain.sigma * [1.0, by], chain.sigma)) for by in _WIDER]
+    wider = [chain.with_sigma(np.where(walks[:, None], chain.sigma * [1.0, by], chain.sigma)) for by in _WIDER]
     return max((chain, *wider), key=evidence.log_likelihood)
 
 
@@ -193,7 +193,7 @@ def _with_its_edges(
             rows = slice(min(edge, reach), max(edge, reach))
             sigma = chain.sigma.copy()
             sigma[rows] = walking[rows]
-            trial = replace(chain, sigma=sigma)
+            trial = chain.with_sigma(sigma)
             if evidence.log_likelihood(trial) < least:
                 break
             chain = trial

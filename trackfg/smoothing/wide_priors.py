@@ -288,7 +288,7 @@ def _of_motion(run: SolvedRun, problem: Problem) -> Problem | None:
 
 def _with_sigma(problem: Problem, prior: Family, sigma: Array) -> Problem:
     def widened(family: Family) -> Family:
-        return replace(family, sigma=sigma) if family is prior else family
+        return family.with_sigma(sigma) if family is prior else family
 
     return replace(problem, families=changed(problem.families, prior.type, widened))
 

@@ -280,6 +280,12 @@ def _triangle(rows: Array) -> Array:
     while len(rows) > some:
         padded = np.concatenate([rows, np.zeros((-len(rows) % some, columns))])
         rows = np.asarray(np.linalg.qr(padded.reshape(-1, some, columns), mode="r")).reshape(-1, columns)
+    if compiled_kernels():
+        from trackfg.numerics import compiled
+
+        out = np.empty((min(len(rows), columns), columns))
+        compiled.triangle(kernel_argument(rows), out)
+        return out
     triangle = dgeqrf(rows)[0][:columns]
     return np.asarray(triangle * _upper(*triangle.shape))
 

@@ -12,7 +12,7 @@ it.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -65,7 +65,7 @@ def _without_slips(tach: Family, states: States) -> Family:
     first = tach.slots[0].index
     way = np.abs(states.odo.distance[first + 1] - states.odo.distance[first])
     creeps = np.abs(tach.residual(states)[:, 0]) <= MOST_CREEP * way + _NOISE_SIGMAS * tach.sigma[:, 0]
-    return replace(tach, sigma=np.where(creeps[:, None], tach.sigma, ANY_DISTANCE_SD_M))
+    return tach.with_sigma(np.where(creeps[:, None], tach.sigma, ANY_DISTANCE_SD_M))
 
 
 def _log_determinant(root: SquareRoot) -> float:

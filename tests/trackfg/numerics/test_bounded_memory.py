@@ -113,8 +113,9 @@ def test_without_a_place_for_a_file_arrays_are_in_memory(tmp_path: Path) -> None
     assert column.sum() == 499_999_500_000.0
 
 
-def test_numpy_alone_computes_without_a_file(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setenv("TRACKFG_KERNELS", "numpy")
+@pytest.mark.parametrize("kernels", ["numpy"], indirect=True)
+@pytest.mark.usefixtures("kernels")
+def test_numpy_alone_computes_without_a_file(tmp_path: Path) -> None:
     with bounded_memory(1, tmp_path):
         column = np.arange(1_000_000.0)
     assert column.sum() == 499_999_500_000.0

@@ -126,6 +126,19 @@ _PAST = (
     np.zeros((7, _DIM + 1)),
 )
 _CHAIN = (np.ones(4), np.full((2, 2), 0.5), 1.0, 30.0, 1.0, np.zeros(4))
+_STEP = np.full((3, 19), 0.1), np.full(39, 0.1)
+_RETRACTED = (_values(3), *_STEP, True, _values(3))
+_STEPPED = (_values(3), _values(3), *_STEP)
+_QUANTITIES = (np.tile(np.eye(3), (3, 1, 1)), np.ones((3, 3)), np.zeros(5), np.ones(3), np.zeros((3, 8, 58)))
+_NOISE = (
+    np.arange(4.0),
+    np.arange(3.0),
+    np.ones((2, 6)),
+    np.ones(6),
+    1.2,
+    *(np.ones(2), np.ones((2, 6))) * 2,
+    np.zeros((3, 6)),
+)
 _VALUES, _INDICES, _DATA, _KEYFRAME, _ORIGINS = 1, 2, 3, 2, 3
 _WIDTHS, _NAV, _LEFT_ROWS, _FIRST, _PLACES, _DIMS = 0, 1, 4, 11, 12, 13
 _CONDITIONALS = (  # two keyframes of two columns with two shared variables, and one column beyond the first one's next
@@ -153,6 +166,13 @@ _CALLS = (
     Call(compiled.linear_rows, _PATH),
     Call(compiled.marginal_prior, _PAST),
     Call(compiled.switch_chain, _CHAIN),
+    Call(compiled.triangle, (np.ones((3, 5)), np.zeros((3, 5)))),
+    Call(compiled.retract, _RETRACTED),
+    Call(compiled.step_from, _STEPPED),
+    Call(compiled.quantities, _QUANTITIES),
+    Call(compiled.white_noise, _NOISE),
+    Call(compiled.ahead_of_a_steady_turn, (*np.tile(np.eye(3), (3, 2, 1, 1)), 1e-6, np.zeros((2, 3)))),
+    Call(compiled.interpolate_columns, (np.ones(2), np.arange(3.0), np.ones((3, 4)), np.zeros((2, 4)))),
     Call(compiled.noise_floor, _FLOOR),
 )
 calls = pytest.mark.parametrize("call", _CALLS, ids=[call.kernel.__name__ for call in _CALLS])
@@ -267,6 +287,10 @@ def test_places_beyond_the_window_are_refused(place: int) -> None:
         (_PATH, compiled.linear_rows, _DATA),
         (_PAST, compiled.marginal_prior, 0),
         (_PAST, compiled.marginal_prior, _ORIGINS),
+        (_RETRACTED, compiled.retract, 0),
+        (_RETRACTED, compiled.retract, 4),
+        (_STEPPED, compiled.step_from, 0),
+        (_STEPPED, compiled.step_from, 1),
     ],
 )
 def test_arrays_in_tuples_are_refused_likewise(arguments: tuple[Any, ...], kernel: Any, i: int) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
@@ -26,7 +27,13 @@ from trackfg.factors.states import (
 )
 from trackfg.numerics.rotations import matrix_from_rpy, rpy_from_matrix
 from trackfg.output.dense_motion import DenseMotion
-from trackfg.output.trajectory import QUANTITIES, calibration_table, keyframe_variances, trajectory_table
+from trackfg.output.trajectory import (
+    QUANTITIES,
+    calibration_table,
+    keyframe_jacobian,
+    keyframe_variances,
+    trajectory_table,
+)
 from trackfg.sensors.imu_noise import WhiteNoise
 from trackfg.solver.covariance import Covariance
 
@@ -139,6 +146,13 @@ def test_speed_has_the_noise_of_its_row_s_body_rate(states: States, gyro: np.nda
     tables = [trajectory_table(RUN, motion, states, certain) for motion in motions]
     scatter = np.std([table["speed_mps"] for table in tables], axis=0)
     np.testing.assert_allclose(tables[0]["speed_mps_sd"], scatter, rtol=0.06)
+
+
+def test_the_kernel_differentiates_as_numpy_does(
+    states: States, with_both: Callable[[Callable[[], Any]], tuple[Any, Any]]
+) -> None:
+    ours, theirs = with_both(lambda: keyframe_jacobian(states, LEVER))
+    np.testing.assert_allclose(ours, theirs, atol=1e-13)
 
 
 def test_unknown_roll_of_the_mounting_is_in_the_sigma_of_roll_alone(

@@ -17,6 +17,7 @@ from trackfg.sensors.imu_intervals import (
     Increments,
     Intervals,
     compress,
+    interpolate_columns,
     intervals,
     laid_out,
     means_around,
@@ -200,3 +201,12 @@ def test_the_kernel_averages_as_numpy_does(with_both: WithBoth) -> None:
     data, t = tumbling(), np.array([0.0, 0.001, 0.5, 0.502, 1.37, 2.0, 2.015])
     ours, theirs = with_both(lambda: means_around(t, 0.04, data.edges, data.accel))
     np.testing.assert_allclose(ours, theirs, rtol=1e-10)
+
+
+@pytest.mark.parametrize("rows", [1, 2, 5])
+def test_the_kernel_interpolates_as_numpy_does(rows: int, with_both: WithBoth) -> None:
+    """Before the first and after the last time, at each of them, and in between."""
+    t, values = np.arange(rows) ** 1.5, np.random.default_rng(rows).normal(size=(rows, 3))
+    at = np.concatenate([[-1.0, 100.0], t, t + 0.1])
+    ours, theirs = with_both(lambda: interpolate_columns(at, t, values))
+    np.testing.assert_allclose(ours, theirs, atol=1e-14)

@@ -150,3 +150,13 @@ def test_the_kernel_finds_what_numpy_does(
     assert (ours.lost_t.size > 0, ours.shock_t.size > 0) == (faulty, faulty)
     for found, expected in zip(astuple(ours), astuple(theirs), strict=True):
         np.testing.assert_allclose(found, expected, rtol=1e-11, atol=0.0)
+
+
+def test_the_kernel_adds_up_the_noise_as_numpy_does(with_both: Callable[[Callable[[], Any]], tuple[Any, Any]]) -> None:
+    """Of intervals within a block, over several, and beyond the record, with what is lost at the edges of some."""
+    random, knots = np.random.default_rng(5), np.array([0.0, 1.0, 2.5, 3.0, 6.0])
+    at, other = np.array([0.5, 1.5, 1.5, 5.0]), np.array([-1.0, 0.2, 2.9, 7.0])
+    floor = NoiseFloor(knots, random.uniform(0.0, 4.0, (4, 6)), at, random.normal(size=(4, 6)), other, np.ones((4, 6)))
+    t = np.array([-0.5, 0.5, 0.7, 1.5, 5.0, 6.5])
+    ours, theirs = with_both(lambda: floor.between(t, 1.0, 0.5).variance)
+    np.testing.assert_allclose(ours, theirs, rtol=1e-12)

@@ -79,7 +79,6 @@ def predict_interval(
     k = len(window) - 1
     newest = window.states.take(slice(k, k + 1))
     t = data.edges[edges]
-    standing = _path(data.edges[[0, -1]], newest, np.zeros(2))
     nothing = Recording(context.description, NO_SAMPLES)
     inputs = GraphInputs(
         recording=nothing,
@@ -89,7 +88,7 @@ def predict_interval(
         floor=NoiseFloor.of(data).raised(excess),
         wheel=None,
         rests=_NO_RESTS,
-        path=standing,
+        path=_standing(data.edges[[0, -1]], newest),
         rolling=None,
         edges=edges,
         t=t,
@@ -153,7 +152,7 @@ def _across_break(
     loose = changed(
         (family for family in families if family.type is not FactorType.PATH),
         FactorType.ARC_LENGTH,
-        lambda family: replace(family, sigma=np.full_like(family.sigma, moved_sd)),
+        lambda family: family.with_sigma(np.full_like(family.sigma, moved_sd)),
     )
     return replace(measured, noise=noise), loose
 
@@ -176,22 +175,20 @@ def _distance(newest: Nav, predicted: Nav, lever_arm: Array) -> float:
     return float(np.copysign(np.linalg.norm(chord), chord[0] @ forward))
 
 
-def _path(t: Array, newest: States, speed: Array) -> InitialPath:
-    """Return a first guess of the motion about the interval, as factors need it: attitude and bias are constant."""
-    n = len(t)
-    rpy = np.repeat(rpy_from_matrix(newest.nav.R), n, axis=0)
-    p = np.zeros((n, 3))
-    p[1:, 0] = np.cumsum(0.5 * (speed[1:] + speed[:-1]) * np.diff(t))
-    return InitialPath(t, rpy, p, np.zeros((n, 3)), speed, np.repeat(newest.bias[:, 3:], n, axis=0))
+def _standing(t: Array, newest: States) -> InitialPath:
+    """Return a first guess of the motion between two times (2,), s, as factors need it: constant attitude and bias."""
+    rpy, gyro_bias = (np.repeat(row, 2, axis=0) for row in (rpy_from_matrix(newest.nav.R), newest.bias[:, 3:]))
+    return InitialPath(t, rpy, np.zeros((2, 3)), np.zeros((2, 3)), np.zeros(2), gyro_bias)
 
 
 def _with_motion(inputs: GraphInputs, newest: States, predicted: Nav, distance: float) -> GraphInputs:
-    """Return the inputs with a speed that changes evenly over the interval and covers its distance."""
+    """Return the inputs with a speed that changes evenly over the interval and covers its distance, and mean biases."""
     edges, (begin, end) = inputs.data.edges, inputs.t
     slow, fast = (float(nav.v[0] @ nav.R[0, :, 0]) for nav in (newest.nav, predicted))
-    speed = slow + (fast - slow) * (edges - begin) / (end - begin)
+    path = _standing(inputs.path.t, newest)
+    speed = slow + (fast - slow) * (path.t - begin) / (end - begin)
     speed += distance / (end - begin) - 0.5 * (slow + fast)
-    path = _path(edges, newest, speed)
-    travelled = Wheel(edges, path.p[:, 0], 1e-4, 0.0, False, _NO_RESTS)
-    rolling = Rolling(edges, speed, np.ones(len(edges) - 1, dtype=bool), travelled)
+    path = replace(path, speed=speed)
+    travelled = Wheel(edges, path.rolled(edges), 1e-4, 0.0, False, _NO_RESTS)
+    rolling = Rolling(path.t, speed, np.ones(1, dtype=bool), travelled)
     return inputs.with_motion(path, rolling)

@@ -157,7 +157,7 @@ class NoiseRecord:
     def weigh_wheel(self, families: Iterable[Family]) -> tuple[Family, ...]:
         """Return the families of the next interval with the sigma of the wheel's rolling at its level."""
         level = self.others[_OTHERS.index(FAMILIES[FactorType.TACH_DISTANCE])]
-        return changed(families, FactorType.TACH_DISTANCE, lambda tach: replace(tach, sigma=tach.sigma * level))
+        return changed(families, FactorType.TACH_DISTANCE, lambda tach: tach.with_sigma(tach.sigma * level))
 
     def events(self, until_s: float) -> tuple[Event, ...]:
         """Return an event for each group far above its declared level, rms over the stream, known at its end."""
@@ -213,6 +213,6 @@ def _with_more(measured: Preintegration, more: Array, level: Array) -> Preintegr
 def _scaled_families(families: Iterable[Family], factor: Array) -> tuple[Family, ...]:
     level = dict(zip(_OTHERS, factor.tolist(), strict=True))
     return tuple(
-        replace(family, sigma=family.sigma * level[FAMILIES[family.type]]) if family.type in FAMILIES else family
+        family.with_sigma(family.sigma * level[FAMILIES[family.type]]) if family.type in FAMILIES else family
         for family in families
     )

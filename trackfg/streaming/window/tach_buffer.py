@@ -71,7 +71,7 @@ class TachBuffer:
         """Return families of the first window with the sigma of tach readings as far as the rounding is known."""
         sigma = self.wheel.rounding_sd
         return changed(
-            families, FactorType.TACH_READING, lambda family: replace(family, sigma=np.full_like(family.sigma, sigma))
+            families, FactorType.TACH_READING, lambda family: family.with_sigma(np.full_like(family.sigma, sigma))
         )
 
     @property

@@ -119,7 +119,7 @@ def _with_creeping_axles(families: Sequence[Family], variance: Array) -> tuple[F
     """Return families whose wheels of further axles creep by so much more, ``variance`` (n - 1,), m^2, per interval."""
 
     def creeping(wheel: Family) -> Family:
-        return replace(wheel, sigma=np.sqrt(wheel.sigma**2 + variance[wheel.slots[0].index, None]))
+        return wheel.with_sigma(np.sqrt(wheel.sigma**2 + variance[wheel.slots[0].index, None]))
 
     return changed(families, FactorType.TACH_INCREMENT, creeping)
 
@@ -137,7 +137,7 @@ def scale_walks(window: Window, declared_per_sqrt_m: float, *, walks: bool) -> b
     root_way = np.sqrt(np.abs(window.states.odo.step[chain.slots[0].index + 1]) + ROLLED_AT_REST_M)
 
     def likelihood(per_sqrt_m: float) -> float:
-        return evidence.log_likelihood(replace(chain, sigma=np.stack([chain.sigma[:, 0], per_sqrt_m * root_way], 1)))
+        return evidence.log_likelihood(chain.with_sigma(np.stack([chain.sigma[:, 0], per_sqrt_m * root_way], 1)))
 
     gain = likelihood(WALK_PER_SQRT_M) - likelihood(declared_per_sqrt_m)
     return gain > (-CLEARLY if walks else CLEARLY)
@@ -158,7 +158,7 @@ def with_walking_scale(families: Sequence[Family], step: Array, per_sqrt_m: floa
     def walking(chain: Family) -> Family:
         sigma = chain.sigma.copy()
         sigma[:, 1] = np.maximum(sigma[:, 1], sd[chain.slots[0].index])
-        return replace(chain, sigma=sigma)
+        return chain.with_sigma(sigma)
 
     return changed(families, FactorType.DISTANCE_CHAIN, walking)
 
