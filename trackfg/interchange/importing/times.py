@@ -415,13 +415,26 @@ def _as_utc(ns: np.ndarray, zone: str, label: str) -> np.ndarray:
     return np.asarray(local.dt.tz_convert("UTC").dt.tz_localize(None).astype(np.int64))
 
 
+_FIRST_CELLS = 20
+"""Cells by which a notation of dates is recognised: most notations fail at the first one."""
+
+
 def _parsed(text: pd.Series, form: str) -> pd.Series | None:
     try:
         zoned = bool(re.search(r"(Z|[+-]\d{2}:?\d{2})$", str(text.iloc[0])))
-        pd.to_datetime(text.iloc[:20], format=form, utc=zoned)  # most notations fail at once
+        pd.to_datetime(text.iloc[:_FIRST_CELLS], format=form, utc=zoned)
         return pd.to_datetime(text, format=form, utc=zoned)
     except (ValueError, TypeError, OverflowError):
         return None
+
+
+def are_dates(column: pd.Series) -> bool:
+    """Return whether the first cells of a text column are dates with a time of day, in their sequence."""
+    text = column.dropna().iloc[:_FIRST_CELLS].astype("string").str.strip()
+    if not len(text) or not text.str.contains(":", regex=False).all():
+        return False
+    dates = next((dates for form in _DATE_FORMATS if (dates := _parsed(text, form)) is not None), None)
+    return dates is not None and bool(dates.is_monotonic_increasing)
 
 
 def _first_unread(text: pd.Series, formats: Sequence[str]) -> tuple[int, str]:

@@ -580,3 +580,18 @@ def test_times_of_day_are_on_the_one_day_that_a_line_above_them_states(
 
     assert back.description.start == start
     np.testing.assert_allclose(back.imu["t_s"] - back.imu["t_s"].iloc[0], drive.t, atol=1e-6)
+
+
+@pytest.mark.parametrize("name", ["Horodatage", "Fecha y hora", "Zp."])
+def test_a_column_of_dates_is_the_time_whatever_its_name(
+    name: str, drive: Drive, tmp_path: Path, imported: Import
+) -> None:
+    table = _table(drive, ["acc_x", "acc_y", "acc_z"], ["gyro_x", "gyro_y", "gyro_z"], {}, 1.0)
+    table.insert(0, "Remarque", "essai: 1")
+    table.insert(1, name, pd.to_datetime(drive.ns).strftime("%d.%m.%Y %H:%M:%S.%f"))
+    table.to_csv(tmp_path / "run.csv", index=False, sep=";", decimal=",")
+
+    back = _recording(imported(tmp_path / "run.csv"))
+
+    assert back.description.start == datetime(2026, 5, 1, 3, 12, tzinfo=UTC)
+    np.testing.assert_allclose(back.imu["t_s"] - back.imu["t_s"].iloc[0], drive.t, atol=1e-6)

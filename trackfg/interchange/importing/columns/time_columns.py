@@ -13,7 +13,7 @@ from trackfg.interchange.importing.columns.calendar_columns import COMPOSED
 from trackfg.interchange.importing.columns.column_names import meaning, parts_of
 from trackfg.interchange.importing.columns.written_units import factor_of
 from trackfg.interchange.importing.source_table import ROW_NUMBER, SourceTable
-from trackfg.interchange.importing.times import are_clock_digits, guessed_unit, states_zone
+from trackfg.interchange.importing.times import are_clock_digits, are_dates, guessed_unit, states_zone
 
 _TIME_UNITS = {1.0: "s", 1e-3: "ms", 1e-6: "us", 1e-9: "ns"}
 _COUNTER = re.compile(r"^(sample|packet|frame|msg|message|seq(uence)?|row|index|idx|nr|no|n|#|record|line|counter|cnt)"
@@ -34,7 +34,8 @@ def time_columns(table: SourceTable) -> tuple[str, ...] | None:
     """Return the column of the time, or those of date and time of day; None where none is found.
 
     A date that was put together of its parts is preferred, then a column whose name means a time, of several the finest
-    one; else the first that grows steadily and does not count samples.
+    one; else the first whose cells are dates with a time of day; else the first that grows steadily and does not count
+    samples.
     """
     if COMPOSED in table.columns:
         return (COMPOSED,)
@@ -50,6 +51,8 @@ def time_columns(table: SourceTable) -> tuple[str, ...] | None:
     numeric = [name for name in named if name not in text and _grows(table.numbers(name))]
     if numeric:
         return (max(numeric, key=lambda name: _resolution(table.numbers(name))),)
+    if not text:
+        text = [name for name in table.columns if _holds_dates(table.frame[name])]
     if text:
         return (text[0],)
     return next(
@@ -58,6 +61,10 @@ def time_columns(table: SourceTable) -> tuple[str, ...] | None:
          and _grows(table.numbers(name)) and _steady(table.numbers(name))),
         None,
     )  # fmt: skip
+
+
+def _holds_dates(column: pd.Series) -> bool:
+    return pd.api.types.is_string_dtype(column) and are_dates(column)
 
 
 def is_sample_counter(table: SourceTable, name: str) -> bool:
