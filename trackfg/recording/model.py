@@ -135,12 +135,12 @@ class Recording(KeyFigures):
     @property
     def gyro(self) -> Array:
         """Angular rate in body axes, rad/s, shape (n, 3)."""
-        return self.imu[list(IMU_COLUMNS[1:4])].to_numpy()
+        return np.column_stack([self.imu[name] for name in IMU_COLUMNS[1:4]])
 
     @property
     def accel(self) -> Array:
         """Specific force in body axes, m/s^2, shape (n, 3)."""
-        return self.imu[list(IMU_COLUMNS[4:7])].to_numpy()
+        return np.column_stack([self.imu[name] for name in IMU_COLUMNS[4:7]])
 
     def content_sha256(self) -> str:
         """Return a digest of the inertial and the wheel's measurements, whatever the run is called."""

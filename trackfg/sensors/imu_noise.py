@@ -30,6 +30,7 @@ Two more things count as noise of an interval:
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -267,17 +268,15 @@ def _finest_step(channels: Array) -> Array:
     return np.where(np.isfinite(finest), finest, 0.0)
 
 
-def vibration_power(data: Intervals) -> Array:
-    """Return the power of the vibration along each axis at each sample, (m/s^2)^2, shape (n, 3).
+def vibration_power(data: Intervals) -> Iterator[Array]:
+    """Yield the power of the vibration at each sample, (m/s^2)^2, shape (n,), of one axis after the other.
 
     That is the mean square, over some seconds, of what is faster than the motion of a vehicle on its springs.
     """
     fast, lasting = (max(3, round(span / data.usual_duration)) for span in (_MOTION_S, _STEADY_S))
-    power = np.empty_like(data.accel)
-    for axis, force in enumerate(data.accel.T):
+    for force in data.accel.T:
         shaking = force - uniform_filter1d(force, fast)
-        power[:, axis] = uniform_filter1d(np.square(shaking, out=shaking), lasting)
-    return power
+        yield uniform_filter1d(np.square(shaking, out=shaking), lasting, output=shaking)
 
 
 @dataclass(frozen=True)

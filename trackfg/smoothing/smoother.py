@@ -113,6 +113,11 @@ class SmoothedStates(SolvedRun):
     on_line: RunOnLine | None = None
 
 
+_MOST_SAMPLES_BESIDE = 4_000_000
+"""Of a longer record (six hours at 200 Hz) the checks run before the graph is built, and not beside it: arrays of both
+would not fit into the default memory, and each would have the other's written to the scratch file."""
+
+
 @one_thread()
 def smooth(
     recording: Recording,
@@ -225,6 +230,8 @@ def smooth_states(
     network = None if known_line is None else known_line.network(recording)  # a line that cannot be used is refused now
     with ThreadBeside() as thread:  # checks need no solution: they run while kernels solve
         checked = thread.begin(partial(recording_findings, recording, limits or CheckLimits()))
+        if len(recording.imu) > _MOST_SAMPLES_BESIDE:
+            checked.result()
         solved = solved_in_time(recording, partial(_solved, config=config, views=views, stages=stages))
         of_line = None
         if known_line is not None and network is not None:
