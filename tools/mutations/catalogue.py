@@ -60,6 +60,17 @@ _FACTORS = (
         ("tests/factors/test_gnss.py", _FAMILIES),
         (
             _one(
+                "the age of a receiver's speeds has the other sign",
+                "late = delay + sensor[:, 1:]",
+                "late = delay - sensor[:, 1:]",
+                ("np.sum(towards * force, axis=1)]", "-np.sum(towards * force, axis=1)]"),
+            ),
+            _one(
+                "the antenna swings the other way",
+                "swing = np.cross(measured.angular_rate, lever_arm)",
+                "swing = np.cross(lever_arm, measured.angular_rate)",
+            ),
+            _one(
                 "the receiver's clock offset has the other sign",
                 "late = delay + clock[:, 2:]",
                 "late = delay - clock[:, 2:]",

@@ -1,7 +1,8 @@
 """All reassessors, in the order in which they see a solution.
 
 Levels of noise come after what would pass for noise, and are not judged in a round in which that has changed; priors
-are widened in the same round, since noise makes them all look contradicted.
+are widened in the same round, since noise makes them all look contradicted. A receiver's speeds are judged after them,
+so that speeds which a phone has filtered do not take all rounds; a level of noise comes down again.
 """
 
 from __future__ import annotations
@@ -19,9 +20,9 @@ from trackfg.smoothing.wrong_fixes import wrong_fixes
 REASSESSORS: tuple[Reassessor, ...] = (
     wrong_fixes,
     gnss_errors,
-    gnss_speed_errors,
     rectification,
     noise_levels,
+    gnss_speed_errors,
     wheel_scale,
     wide_priors,
     unheard_sensors,

@@ -15,7 +15,7 @@ from trackfg.factors.factor_type import FactorType
 from trackfg.factors.states import Kind
 from trackfg.graph.build import build_problem
 from trackfg.numerics.spans import within
-from trackfg.recording.model import GNSS_SPEED_TABLE, Recording
+from trackfg.recording.model import GNSS_SPEED_TABLE, IMU_COLUMNS, Recording
 from trackfg.smoothing.smoother import smooth_states
 
 ANTENNA_M = (2.0, 0.5, 3.0)
@@ -136,3 +136,19 @@ def test_speeds_cut_off_to_whole_numbers_are_said_to_be_too_low(offset: float, c
     findings = smooth_states(replace(run.recording, others={GNSS_SPEED_TABLE: low}), SmoothConfig()).findings
     (finding,) = (one for one in findings if one.code == code)
     assert "the receiver's speeds are -0.2" in finding.message
+
+
+def test_speeds_that_a_phone_has_filtered_leave_the_noise_of_its_sensors_to_be_found() -> None:
+    """Both are far from what is declared, and three rounds must do for both: sensors err anew each half second."""
+    run, rng = simulated(300.0), np.random.default_rng(1)
+    imu = run.recording.imu.copy()
+    t = imu["t_s"].to_numpy()
+    half = (2.0 * t).astype(int)
+    for columns, sd in ((IMU_COLUMNS[1:4], 0.02), (IMU_COLUMNS[4:7], 0.1)):
+        imu[list(columns)] += sd * rng.standard_normal((half.max() + 1, 3))[half] * (t > 30.0)[:, None]
+    table = run.recording.others[GNSS_SPEED_TABLE]
+    filtered = table.assign(speed_mps=table["speed_mps"].ewm(alpha=0.15).mean())
+    recording = replace(without_tach(run.recording), imu=imu, others={GNSS_SPEED_TABLE: filtered})
+    ratios = smooth_states(recording, SmoothConfig()).noise_ratios
+    assert ratios["gyro"] < 1.3
+    assert ratios["accel"] < 1.3

@@ -11,7 +11,8 @@ import pytest
 
 from trackfg.config import SmoothConfig, SolverConfig
 from trackfg.datasets import slip_wheel
-from trackfg.datasets.scenarios import Simulation
+from trackfg.datasets.scenarios import Simulation, scenario, simulate
+from trackfg.datasets.sensors.receiver_speeds import ReceiverSpeeds
 from trackfg.datasets.vehicle.adhesion import WheelSlip
 from trackfg.factors.factor_type import FactorType
 from trackfg.factors.landmark import landmark
@@ -62,7 +63,13 @@ def with_radar(simulated: Make) -> Problem:
     return build_problem(simulated("slippery-line-radar", seed=2, duration_s=60.0).recording, SmoothConfig())
 
 
-PROBLEMS = (with_outliers, with_slip, speedless, with_landmarks, with_radar)
+def with_receiver_speeds(simulated: Make) -> Problem:
+    """A receiver that tells its speed, too, which is some time old."""
+    plan = replace(scenario("mainline-gnss"), further_sensors=(ReceiverSpeeds(delay_s=0.1),))
+    return build_problem(simulate(plan, seed=2, duration_s=60.0).recording, SmoothConfig())
+
+
+PROBLEMS = (with_outliers, with_slip, speedless, with_landmarks, with_radar, with_receiver_speeds)
 
 
 @pytest.fixture(scope="module", params=PROBLEMS, ids=lambda make: make.__name__)

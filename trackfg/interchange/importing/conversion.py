@@ -58,6 +58,8 @@ _FIX_COLUMNS = {"chainage": "chainage_m", "sd": "sd_m"}
 
 _FASTEST_S = 0.04
 """Time between the positions of the fastest receivers, s: 20 Hz, and some with 25 Hz."""
+_NEW = 0.5
+"""Share of new values among the speeds in motion below which the others are held ones."""
 _HELD_S = 1.5
 """A position that is the same for longer is one of a vehicle at rest, s: the slowest receivers have 1 Hz."""
 
@@ -242,7 +244,8 @@ def _part(sensor: MappedSensor, tables: Sequence[SourceTable], kilometrage: Kilo
 
 def _new_and_valid(sensor: MappedSensor, table: SourceTable, times: Times, measured: Sequence[Array]) -> np.ndarray:
     """Return which rows (n,) of a receiver are its own and not those of the row before again."""
-    new = _is_news(times.since(times.first_ns), np.stack(measured, axis=1))
+    t, is_speed = times.since(times.first_ns), sensor.kind == "gnss_speed"
+    new = _is_news(t, np.stack(measured, axis=1), is_speed=is_speed)
     return new if sensor.reading.valid is None else new & ~without_position(table.column(sensor.reading.valid))
 
 
@@ -285,14 +288,16 @@ def _balises(sensor: MappedSensor, tables: Sequence[SourceTable], kilometrage: K
     return _Part(sensor, _rows(times, keep), columns, {**keys, "places": _PLACES_FILE}, places)
 
 
-def _is_news(t: Array, measured: Array) -> np.ndarray:
-    """Return which rows (n,) of positions differ from the one before, or come long after the last that is kept.
+def _is_news(t: Array, measured: Array, *, is_speed: bool) -> np.ndarray:
+    """Return which rows (n,) of a receiver differ from the one before, or come long after the last that is kept.
 
-    A table that is written at a higher rate than any receiver's repeats each position until the next one.
+    A table that is written at a higher rate than any receiver's repeats each position until the next one. So does one
+    in which most speeds in motion are those of the row before again.
     """
-    if len(t) < 2 or np.median(np.diff(t)) > _FASTEST_S:
+    new = np.append(True, (measured[1:] != measured[:-1]).any(axis=1))[: len(t)]
+    held = is_speed and len(t) > 1 and np.mean(new[measured[:, 0] > 0.0]) < _NEW
+    if len(t) < 2 or (np.median(np.diff(t)) > _FASTEST_S and not held):
         return np.ones(len(t), dtype=bool)
-    new = np.append(True, (measured[1:] != measured[:-1]).any(axis=1))
     last = -np.inf
     for i, at in enumerate(t.tolist()):
         new[i] |= at >= last + _HELD_S

@@ -143,3 +143,19 @@ def test_a_speed_of_the_car_s_own_is_not_the_receiver_s(journey: Simulation, tmp
     columns = {"Speed (OBD)(km/h)": 0.9 * speed / KMH, "Vertical speed (m/s)": 0.0 * speed, "GPS Speed (m/s)": speed}
     recording = recording_of(imported(logged(journey, tmp_path / "log", **columns)))
     np.testing.assert_allclose(recording.others["gnss_speed"]["speed_mps"], speed, atol=1e-6)
+
+
+def test_speeds_that_a_faster_table_holds_count_once(journey: Simulation, tmp_path: Path, imported: Import) -> None:
+    """A logger of 10 Hz repeats each speed of the receiver until the next one."""
+    drive = Drive.of(journey.recording)
+    speed = true_speed(journey)
+    at = np.arange(0.0, drive.gnss_t[-1], 0.1)
+    held = np.searchsorted(drive.gnss_t, at + 1e-9) - 1
+    folder = logged(journey, tmp_path / "log")
+    columns = {"time (s)": at, "latitude": drive.latitude[held], "longitude": drive.longitude[held]}
+    pd.DataFrame(columns | {"altitude (m)": drive.height[held], "GPS Speed (m/s)": speed[held]}).to_csv(
+        folder / "gps.csv", index=False
+    )
+    table = recording_of(imported(folder)).others["gnss_speed"]
+    moving = table[table["speed_mps"] > 1.0]
+    np.testing.assert_allclose(moving["speed_mps"], np.interp(moving["t_s"], drive.gnss_t, speed), atol=1e-6)
