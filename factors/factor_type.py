@@ -43,6 +43,8 @@ class FactorType(Enum):
     CUSTOM = "custom"
     """A user's own; :attr:`trackfg.factors.family.Family.label` tells one from another."""
 
+    __hash__ = object.__hash__  # an Enum's own is a function in Python, and a stream looks types up by the thousand
+
     @property
     def of_further_sensor(self) -> bool:
         """Return whether it has a further sensor's variable: it is of a tach, of a radar, or a receiver's speed."""

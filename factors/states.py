@@ -57,6 +57,8 @@ class Kind(Enum):
     WHEEL = ("w", 5, True)
     SENSOR = ("s", 2, True)
 
+    __hash__ = object.__hash__  # an Enum's own is a function in Python, and a stream looks kinds up by the thousand
+
     def __init__(self, letter: str, dim: int, shared: bool) -> None:
         self.letter = letter
         self.dim = dim

@@ -53,9 +53,9 @@ def trajectory_columns(
     J, spread = _propagated(states, covariance, lever_arm)
     variance = _variances(J, spread, run.mount_roll_sd)
     k, f = motion.keyframe, motion.fraction[:, None]
-    bridge = np.diff(run.t)[k] * motion.fraction * (1.0 - motion.fraction)
+    span, h = (run.t[1:] - run.t[:-1])[k], motion.fraction
+    bridge = span * h * (1.0 - h)
     between = variance[k] * (1.0 - f) + variance[k + 1] * f
-    span, h = np.diff(run.t)[k], motion.fraction
     swing = (span * h * (1.0 - h)) ** 2 * ((1.0 - h) ** 2 * variance[k, 4] + h**2 * variance[k + 1, 4])
     accel, gyro = np.mean(noise.accel**2, axis=1)[k], noise.gyro[k] ** 2
     between[:, :4] += (accel * bridge**3 / 3.0 + swing)[:, None]

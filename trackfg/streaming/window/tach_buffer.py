@@ -112,9 +112,10 @@ class TachBuffer:
         self._learn(fresh)
         self.sense = before = self._sense_at(speeds[0])
         sense = np.where(fresh[:, 0] > newest_s, self._sense_at(speeds[1]), before)
-        signed = self.rows[-1, 1] + np.cumsum(sense * np.diff(fresh[:, 1], prepend=self.raw))
-        every = np.concatenate([self.rows, np.column_stack([fresh[:, 0], signed])])
         raw = np.concatenate([np.full(len(self.rows), self.raw), fresh[:, 1]])
+        turned = (raw[1:] - raw[:-1])[len(self.rows) - 1 :]
+        signed = self.rows[-1, 1] + np.cumsum(sense * turned)
+        every = np.concatenate([self.rows, np.column_stack([fresh[:, 0], signed])])
         settled = max(int(np.searchsorted(every[:, 0], newest_s, side="right")), 1)
         first = min(max(int(np.searchsorted(every[:, 0], newest_s - _KEPT_S)) - 1, 0), settled - 1)
         self.rows, self.raw = every[first:settled], float(raw[settled - 1])
