@@ -27,7 +27,8 @@ _FAMILY = ["standard", "parameter", "column", "kind"]
 class KilometreExceedances:
     """What a kilometre has: how many exceedances of each level, how long they are together, and the worst of them.
 
-    ``worst`` is the row of the greatest share of its limit, of those that are sure if any are; ``share`` that share.
+    ``worst`` is a row of the severest level, of those that are sure if any are: that of the greatest ``share`` of its
+    limit.
     """
 
     km: str
@@ -92,22 +93,23 @@ def unsure_text(found: pd.DataFrame) -> str:
 def by_kilometre(found: pd.DataFrame) -> list[KilometreExceedances]:
     """Return what each kilometre has that has any exceedance, in order of chainage.
 
-    Kilometres are official ones where the table has them. ``found`` has each place once: :func:`by_severity`.
+    Kilometres are official ones where the table has them. ``found`` has each place once, the severest first:
+    :func:`by_severity`.
     """
     if found.empty:
         return []
     levels = list(dict.fromkeys(found["level"]))
-    found = found.assign(sure=sure(found))
+    found = found.assign(sure=sure(found), order=np.arange(len(found)))
     found = found.sort_values("chainage_m", kind="stable")
     km = [place_text(row).replace("+", ".").split(".")[0] for row in found.to_dict("records")]
     out = []
     for name, rows in found.groupby(pd.Series(km, found.index), sort=False):
         count = rows["level"].value_counts()
-        share = rows["value_mm"].abs() / rows["limit_mm"]
         counts = {level: int(count[level]) for level in levels if level in count}
-        at = int(np.argmax(share.where(rows["sure"], 0.0) if rows["sure"].any() else share))
-        length_m = float(rows["length_m"].sum())
-        out.append(KilometreExceedances(str(name), counts, length_m, rows.iloc[at].to_dict(), float(share.iloc[at])))
+        candidates = rows[rows["sure"]] if rows["sure"].any() else rows
+        worst = candidates.iloc[int(np.argmin(candidates["order"]))].to_dict()
+        share = abs(worst["value_mm"]) / worst["limit_mm"]
+        out.append(KilometreExceedances(str(name), counts, float(rows["length_m"].sum()), worst, share))
     return out
 
 

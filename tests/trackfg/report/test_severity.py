@@ -42,6 +42,23 @@ def test_each_kilometre_has_its_exceedances(result: Result) -> None:
     assert by_kilometre(found.head(0)) == []
 
 
+def test_the_worst_of_a_kilometre_is_of_its_severest_level() -> None:
+    """A gang goes to the place to be closed, not to one that is further beyond a limit of planning."""
+    rows = {
+        "standard": "rule", "kind": "peak", "column": ["twist_mm", "twist_mm", "level_mm", "level_mm"],
+        "parameter": ["twist", "twist", "level", "level"], "quantity": ["twist", "twist", "level", "level"],
+        "level": ["stop", "alert", "alert", "stop"], "limit_mm": [10.0, 5.0, 8.0, 16.0],
+        "value_mm": [10.5, 7.0, 11.0, 17.0], "value_mm_sd": [0.1, 0.1, 0.1, 2.0],
+        "chainage_m": [100.0, 200.0, 300.0, 400.0], "from_m": [100.0, 200.0, 300.0, 400.0],
+        "to_m": [101.0, 201.0, 301.0, 401.0], "length_m": 1.0,
+    }  # fmt: skip
+
+    (kilometre,) = by_kilometre(by_severity(pd.DataFrame(rows)))
+
+    assert kilometre.counts == {"stop": 2, "alert": 2}
+    assert kilometre.worst_text == "twist, 105 % at 0.100"
+
+
 def test_what_exceeds_a_limit_for_sure_stands_first(result: Result) -> None:
     """Twist peaks of 2 mm, three times as high in a gap where nothing was measured."""
     gap = result.geometry["chainage_m"].between(500.0, 540.0)
