@@ -96,7 +96,10 @@ def batch(options: BatchChoices) -> None:
     failed = [outcome for outcome in outcomes if outcome.reason is not None]
     _name_copies(store, {outcome.name for outcome in outcomes if outcome.reason is None})
     if options.json:
-        sys.stdout.writelines(_outcome_line(outcome) for outcome in outcomes)
+        sys.stdout.writelines(_outcome_line(each.run.name, "fresh", None) for each in planned if each.fresh)
+        sys.stdout.writelines(
+            _outcome_line(one.name, "done" if one.reason is None else "failed", one.reason) for one in outcomes
+        )
     else:
         tell(f"runs: {len(runs)}, fresh {len(runs) - wanted}, computed {wanted - len(failed)}, failed {len(failed)}")
         tell(f"store: {options.out}")
@@ -137,9 +140,8 @@ def _planned_line(each: PlannedRun, json: bool) -> str:
     return f"{each.run.name}: {'fresh' if each.fresh else f'compute: {each.why}'}\n"
 
 
-def _outcome_line(outcome: Outcome) -> str:
-    status = "done" if outcome.reason is None else "failed"
-    return json_text.dumps({"run": outcome.name, "status": status, "reason": outcome.reason}) + "\n"
+def _outcome_line(run: str, status: str, reason: str | None) -> str:
+    return json_text.dumps({"run": run, "status": status, "reason": reason}) + "\n"
 
 
 @contextmanager
