@@ -198,7 +198,7 @@ class States(Outlined):
     def __len__(self) -> int:
         return len(self.nav)
 
-    def take(self, rows: slice) -> States:
+    def take(self, rows: slice | np.ndarray) -> States:
         """Return the keyframes of some rows, with the shared variables."""
         nav, bias, odo = self.nav[rows], self.bias[rows], self.odo[rows]
         return States(nav, bias, odo, self.mount, self.clock, self.imu, self.wheel, self.sensor)
