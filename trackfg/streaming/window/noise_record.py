@@ -201,12 +201,15 @@ def _scaled(measured: Preintegration, factor: Array) -> Preintegration:
 
 
 def _with_more(measured: Preintegration, more: Array, level: Array) -> Preintegration:
-    """Return the measurement with densities squared higher by ``more`` (6,), at its ``level`` (2,)."""
-    noise = measured.noise
-    gyro, accel = (
-        np.sqrt(density**2 + factor**2 * part)
-        for density, factor, part in zip((noise.gyro, noise.accel), level, np.split(more, 2), strict=True)
-    )
+    """Return the measurement with densities squared higher by ``more`` (6,), at its ``level`` (2,).
+
+    Later rests may show less noise: a density that never had as much as is to be taken off stays as it is.
+    """
+    noise, densities = measured.noise, []
+    for density, factor, part in zip((noise.gyro, noise.accel), level, np.split(more, 2), strict=True):
+        squared = density**2 + factor**2 * part
+        densities.append(np.sqrt(np.where(squared > 0.0, squared, density**2)))
+    gyro, accel = densities
     return replace(measured, noise=replace(noise, gyro=gyro, accel=accel))
 
 

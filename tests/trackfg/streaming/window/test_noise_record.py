@@ -18,7 +18,7 @@ from trackfg.factors.states import States
 from trackfg.recording.model import Recording
 from trackfg.sensors.imu_intervals import Intervals
 from trackfg.solver.variance_components import Residuals
-from trackfg.streaming.window.noise_record import NoiseRecord
+from trackfg.streaming.window.noise_record import NoiseRecord, _with_more
 from trackfg.streaming.window.sample_buffer import SampleBuffer
 from trackfg.streaming.window.window import Window
 
@@ -136,6 +136,14 @@ def test_rests_show_noise_below_the_keyframe_rate() -> None:
     later = record.with_rests(shown, buffer, np.array([[0.0, 60.0]]))
     np.testing.assert_allclose(record.excess[:3] + 1.0, later.measured[0].noise.gyro ** 2)
     assert len(record.at_rest.off) == 120
+
+
+def test_an_interval_that_never_had_the_noise_of_rests_keeps_its_own_when_later_rests_show_less() -> None:
+    """By hand: of a density squared of 1, at a level of 2, nothing is left to take 0.3 or more off."""
+    (measured, *_), more = window().measured, np.array([-0.2, -0.3, 0.5, 0.0, 0.0, 0.0])
+    noise = _with_more(measured, more, np.array([2.0, 1.0])).noise
+    np.testing.assert_allclose(noise.gyro**2, [0.2, 1.0, 3.0])
+    np.testing.assert_allclose(noise.accel, 1.0)
 
 
 def settings(*, adapt: bool) -> SmoothConfig:
