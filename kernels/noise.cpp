@@ -113,13 +113,8 @@ class Record {
   public:
     Record(const Doubles &edges, const Doubles &gyro, const Doubles &accel, const Flags &bridged, const Integers &starts,
            std::ptrdiff_t length, double dt, const Limits &limits)
-        : edges_(edges.data()), bridged_(bridged.data()), starts_(starts.data()), count_(gyro.size(0)),
-          blocks_(starts.size(0)), length_(length), dt_(dt), limits_(limits), samples_(count_ * CHANNELS) {
-        for (std::ptrdiff_t i = 0; i < count_; ++i)
-            for (int axis = 0; axis < AXES; ++axis) {
-                samples_[i * CHANNELS + axis] = gyro.data()[i * AXES + axis];
-                samples_[i * CHANNELS + AXES + axis] = accel.data()[i * AXES + axis];
-            }
+        : edges_(edges.data()), gyro_(gyro.data()), accel_(accel.data()), bridged_(bridged.data()),
+          starts_(starts.data()), count_(gyro.size(0)), blocks_(starts.size(0)), length_(length), dt_(dt), limits_(limits) {
         for (int c = 0; c < CHANNELS; ++c) {
             step_[c] = HUGE_VAL;
             for (std::ptrdiff_t i = 1; i < count_; ++i) {
@@ -133,9 +128,12 @@ class Record {
     // Densities squared of the floor, or of rounding where that is more, (blocks, CHANNELS).
     void floor(double *seen) const {
         Spectrum spectrum(length_);
-        std::vector<double> logs(blocks_ * CHANNELS * BANDS);
-        for (std::ptrdiff_t j = 0; j < blocks_; ++j)
-            spectrum.mean_logs(&samples_[starts_[j] * CHANNELS], &logs[j * CHANNELS * BANDS]);
+        std::vector<double> logs(blocks_ * CHANNELS * BANDS), block(length_ * CHANNELS);
+        for (std::ptrdiff_t j = 0; j < blocks_; ++j) {
+            for (std::ptrdiff_t i = 0; i < length_; ++i)
+                for (int c = 0; c < CHANNELS; ++c) block[i * CHANNELS + c] = at(starts_[j] + i, c);
+            spectrum.mean_logs(block.data(), &logs[j * CHANNELS * BANDS]);
+        }
         double scatter[BANDS];
         for (int band = 0; band < BANDS; ++band)
             scatter[band] = limits_.scatter / std::sqrt(static_cast<double>((length_ / 2) >> (BANDS - band)));
@@ -253,7 +251,9 @@ class Record {
         double centre, spread;
     };
 
-    double at(std::ptrdiff_t i, int channel) const { return samples_[i * CHANNELS + channel]; }
+    double at(std::ptrdiff_t i, int channel) const {
+        return channel < AXES ? gyro_[i * AXES + channel] : accel_[i * AXES + channel - AXES];
+    }
 
     static double middle(double (&values)[NEIGHBOURS]) {
         for (const double value : values)
@@ -316,13 +316,12 @@ class Record {
         for (const std::ptrdiff_t i : ends) out[i * CHANNELS + channel] = 1;
     }
 
-    const double *edges_;
+    const double *edges_, *gyro_, *accel_;
     const std::uint8_t *bridged_;
     const std::int64_t *starts_;
     std::ptrdiff_t count_, blocks_, length_;
     double dt_;
     Limits limits_;
-    std::vector<double> samples_;
     double step_[CHANNELS];
 };
 

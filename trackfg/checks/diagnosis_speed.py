@@ -77,9 +77,9 @@ def turned_aside(balance: ForceBalance) -> tuple[Angle | None, Angle | None]:
 def _share_of_acceleration(balance: ForceBalance, force: Array, equation: int) -> Angle | None:
     """Return the share of the acceleration in a force (n,) as an angle; None where too few blocks show any."""
     A = np.stack(balance.tilt_columns(equation, vertical=2), axis=1)
-    blocks = [balance.block == number for number in np.unique(balance.block)]
-    normal = np.array([A[rows].T @ A[rows] for rows in blocks])
-    right = np.array([A[rows].T @ force[rows] for rows in blocks])
+    block, columns = np.unique(balance.block, return_inverse=True)[1], [*A.T, force]
+    products = np.array([[np.bincount(block, x * y) for y in columns] for x in columns])
+    normal, right = np.moveaxis(products[:-1, :-1], 2, 0), products[:-1, -1].T
     if np.count_nonzero(normal[:, 0, 0]) < FEWEST_BLOCKS or np.linalg.matrix_rank(A) < A.shape[1]:
         return None
     share = float(np.linalg.solve(normal.sum(axis=0), right.sum(axis=0))[0])
