@@ -1,4 +1,4 @@
-"""Of wheels that roll unequally far, the one that creeps least is nearest to the distance, and the others count less.
+"""A wheel that creeps further than another one counts less: the one that creeps least is nearest to the distance.
 
 Below the top of its creep curve a wheel creeps the way of the force, ahead in traction and behind under the brake
 (:func:`trackfg.factors.odometry.wheel_response`), never the other way. Where rails are slippery under one axle only,
