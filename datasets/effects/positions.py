@@ -12,7 +12,7 @@ from trackfg.datasets.sensors.positioning import gauss_markov
 from trackfg.datasets.vehicle.random_spans import random_spans
 from trackfg.datasets.vehicle.ride import Ride
 from trackfg.numerics.arrays import Array
-from trackfg.numerics.spans import median_interval
+from trackfg.numerics.spans import median_interval, within
 from trackfg.recording.model import GNSS_SPEED_TABLE, Recording
 
 FEWEST_FIXES = 5
@@ -86,7 +86,7 @@ class Canyon(Effect):
         span_rng, error_rng = rng.spawn(2)
         t = gnss["t_s"].to_numpy()
         spans = t[0] + random_spans(1.0 / OPEN_S, CANYON_S, float(t[-1] - t[0]), span_rng)
-        shadowed = _within(t, spans)
+        shadowed = within(t, spans)
         error = shadowed[:, None] * self.magnitude * np.sqrt([0.5, 0.5, 2.0])
         wandering = gauss_markov(len(t), float(np.exp(-median_interval(t) / CORRELATION_S)), error_rng)
         columns = {
@@ -104,17 +104,9 @@ class Canyon(Effect):
         """Return a receiver's speeds with their errors in spans (s, 2), s."""
         t, speed, sd = speeds.to_numpy().T
         phi = float(np.exp(-median_interval(t) / SPEED_CORRELATION_S))
-        size = _within(t, spans) * (self.magnitude * SPEED_PER_M)
+        size = within(t, spans) * (self.magnitude * SPEED_PER_M)
         wrong = np.abs(speed + size * gauss_markov(len(t), phi, rng)[:, 0])
         return speeds.assign(speed_mps=wrong, speed_sd_mps=np.hypot(sd, size) if self.for_oracle else sd)
-
-
-def _within(t: Array, spans: Array) -> np.ndarray:
-    """Return which of the times (m,), s, are within half-open spans (s, 2), s."""
-    inside = np.zeros(len(t), dtype=bool)
-    for start, end in spans:
-        inside |= (t >= start) & (t < end)
-    return inside
 
 
 @dataclass(frozen=True)

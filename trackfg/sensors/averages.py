@@ -53,7 +53,8 @@ def averaged(imu: pd.DataFrame, tach: pd.DataFrame | None, step_s: float) -> Mot
         return None
     edges = begin + step * np.arange(n + 1)
     half = 0.5 * np.diff(t)
-    means = [np.diff(np.interp(edges, t, _integral(half, imu[name].to_numpy()))) / step for name in IMU_COLUMNS[1:]]
+    integrals = (trapezoid_integral(half, imu[name].to_numpy()) for name in IMU_COLUMNS[1:])
+    means = [np.diff(np.interp(edges, t, integral)) / step for integral in integrals]
     values = np.column_stack(means)
     valid = ~_touched(edges, t, max(0.5, 3.0 * interval))
     speed = np.full(n, np.nan)
@@ -63,7 +64,7 @@ def averaged(imu: pd.DataFrame, tach: pd.DataFrame | None, step_s: float) -> Mot
     return Motion(edges[:-1] + 0.5 * step, step, values[:, :3], values[:, 3:], speed, valid)
 
 
-def _integral(half_steps: Array, values: Array) -> Array:
+def trapezoid_integral(half_steps: Array, values: Array) -> Array:
     """Return the integral of values (n,) from the first on by the trapezoid rule, from halves of the steps (n - 1,)."""
     total = np.zeros(len(values))
     steps = total[1:]

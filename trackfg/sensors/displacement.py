@@ -19,6 +19,7 @@ import numpy as np
 from trackfg.numerics.arrays import Array
 from trackfg.recording.description import Laser
 from trackfg.recording.model import Recording
+from trackfg.sensors.averages import trapezoid_integral
 
 Side = Literal["left", "right"]
 SIDES: tuple[Side, ...] = ("left", "right")
@@ -117,8 +118,7 @@ def _channel(recording: Recording, laser: Laser | None) -> Channel | None:
         return None
     table = recording.lasers[laser.name]
     t, d = table["t_s"].to_numpy(), table["displacement_m"].to_numpy()
-    integral = np.concatenate([[0.0], np.cumsum(0.5 * np.diff(t) * (d[1:] + d[:-1]))])
-    return Channel(laser, t, d, integral)
+    return Channel(laser, t, d, trapezoid_integral(0.5 * np.diff(t), d))
 
 
 def unit_pairs(views: list[RailView]) -> Iterator[tuple[RailView, RailView]]:
