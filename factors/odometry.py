@@ -64,19 +64,19 @@ def wheel_response(distance: Array, turned: Array, force: Array, moving_s: Array
     return np.stack([-turned, way * np.abs(turned), traction, braking, way * moving_s], axis=1)
 
 
-def force_on_distance(response: Array) -> Array:
+def force_on_distances(response: Array) -> Array:
     """Return each interval's length times its forward force, m g, shape (m,), of a :func:`wheel_response` (m, 5)."""
     _, _, traction, braking, *_ = response.T
     return np.asarray(traction + braking)
 
 
-def creep_sd(per_traction: float, distance: Array, force: Array | float) -> Array:
-    """Return the 1-sigma (m) of the creep over distances (m,), m, under mean forward forces (m,), g.
+def creep_sd(per_traction: float, force_on_distance: Array) -> Array:
+    """Return the 1-sigma (m) of the creep over distances times the mean forward forces on them (m,), m g.
 
     On the stable side of its creep curve a wheel creeps by a share of the distance that is about proportional to the
     force; ``per_traction`` is the sigma of that share per g.
     """
-    return np.asarray(per_traction * np.abs(force * distance))
+    return np.asarray(per_traction * np.abs(force_on_distance))
 
 
 def tach_excess(scale: Array, counted: Array, distance: Array, explained: Array | float = 0.0) -> Array:

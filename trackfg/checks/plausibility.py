@@ -60,8 +60,8 @@ def findings(
 
 
 _CLOCK_ZEROS = tuple(datetime(*day, tzinfo=UTC) for day in ((1970, 1, 1), (1980, 1, 1), (1980, 1, 6), (2000, 1, 1)))
-"""Where clocks begin that nobody has set: of Unix, of PCs, of GPS (IS-GPS-200), and of real-time clocks with two digits
-for the year."""
+"""The dates at which clocks start counting: the epochs of Unix, of PCs and of GPS (IS-GPS-200), and the year 2000 of
+real-time clocks with two digits for the year. A clock that was never set shows a time shortly after one of them."""
 _DAY = timedelta(days=1)
 """How long a clock may have run since its zero; how far one may be ahead, zones included."""
 

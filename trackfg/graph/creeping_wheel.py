@@ -24,7 +24,7 @@ import numpy as np
 from trackfg.config import SmoothConfig
 from trackfg.factors.factor_type import FactorType
 from trackfg.factors.family import Family
-from trackfg.factors.odometry import MOST_CREEP, creep_sd, force_on_distance
+from trackfg.factors.odometry import MOST_CREEP, creep_sd, force_on_distances
 from trackfg.factors.states import States
 from trackfg.graph.build import Problem
 from trackfg.numerics.arrays import Array
@@ -60,7 +60,7 @@ def with_creeping_wheels(problem: Problem, states: States, config: SmoothConfig)
     lead = np.clip(rate - rate[least, k], 0.0, fastest) * rolls[least, k]
     added = np.maximum(lead**2 - variance - variance[least, k], 0.0) * _LASTS_S * duration
     wider = {
-        id(wheel): replace(wheel, sigma=np.sqrt(wheel.sigma**2 + more[wheel.first_keyframe, None]))
+        id(wheel): wheel.with_sigma(np.sqrt(wheel.sigma**2 + more[wheel.first_keyframe, None]))
         for wheel, more in zip(wheels, added, strict=True)
     }
     return replace(problem, families=tuple(wider.get(id(family), family) for family in problem.families))
@@ -68,8 +68,8 @@ def with_creeping_wheels(problem: Problem, states: States, config: SmoothConfig)
 
 def _creep(wheel: Family, states: States, t: Array, config: SmoothConfig) -> _Creep:
     k, duration = wheel.first_keyframe, np.diff(t)
-    pushed = force_on_distance(wheel.data["response"])
-    by_force = config.noise.tach * creep_sd(config.tach.creep_per_traction, pushed, 1.0) / np.sqrt(duration[k])
+    pushed = force_on_distances(wheel.data["response"])
+    by_force = config.noise.tach * creep_sd(config.tach.creep_per_traction, pushed) / np.sqrt(duration[k])
     ahead, variance, rolls = np.zeros_like(duration), np.zeros_like(duration), np.zeros(len(duration), dtype=bool)
     ahead[k] = np.sign(pushed) * wheel.residual(states)[:, 0]
     variance[k] = np.maximum(wheel.sigma[:, 0] ** 2 - by_force**2, 0.0)

@@ -96,7 +96,7 @@ def creep_variance(inputs: GraphInputs) -> Array:
     force = inputs.mean_accel[:, 0] / inputs.world.gravity
     return np.asarray(
         config.creep_m_per_sqrt_m**2 * (distance + ROLLED_AT_REST_M)
-        + creep_sd(config.creep_per_traction, distance, force) ** 2 / inputs.durations
+        + creep_sd(config.creep_per_traction, distance * force) ** 2 / inputs.durations
     )
 
 

@@ -161,7 +161,7 @@ def _evidence(
     t: Array, wheel: Wheel, felt: ForwardForce, rests: Array, gravity: float, config: SmoothConfig
 ) -> _Evidence:
     rolled = np.diff(wheel.at(t))
-    creep = np.hypot(_CREEP * rolled, creep_sd(config.tach.creep_per_traction, rolled, felt.force / gravity))
+    creep = np.hypot(_CREEP * rolled, creep_sd(config.tach.creep_per_traction, rolled * felt.force / gravity))
     if wheel.integrates_speed:
         noise = wheel.speed_variance(t, config.tach.speed_noise_mps)
     else:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 
 import numpy as np
 import pandas as pd
@@ -112,4 +111,4 @@ def _usual(gnss: Family, usual: Array | None) -> Family:
     """
     declared = gnss.data["declared"]
     factor = gnss.sigma / declared
-    return replace(gnss, sigma=declared * np.minimum(factor, np.median(factor, axis=0) if usual is None else usual))
+    return gnss.with_sigma(declared * np.minimum(factor, np.median(factor, axis=0) if usual is None else usual))

@@ -177,7 +177,7 @@ def landmark_sd(used: pd.DataFrame) -> Array:
 def _less_sure(family: Family, chainage: MapChainage, direction: int) -> Family:
     """Fixes by the map's chainage, which errs by itself."""
     place = direction * family.data["distance"][:, 0]
-    return replace(family, sigma=np.hypot(family.sigma, chainage.sd_m(place)[:, None]))
+    return family.with_sigma(np.hypot(family.sigma, chainage.sd_m(place)[:, None]))
 
 
 def _landmarks(

@@ -112,7 +112,7 @@ def _with_offset(families: Sequence[Family], sd_mps: float) -> tuple[Family, ...
     def with_sd(prior: Family) -> Family:
         sigma = prior.sigma.copy()
         sigma[0, SPEED_OFFSET] = sd_mps
-        return replace(prior, sigma=sigma)
+        return prior.with_sigma(sigma)
 
     return changed(families, FactorType.PRIOR_WHEEL, with_sd)
 

@@ -80,13 +80,13 @@ def wrong_fixes(run: SolvedRun) -> Reassessment:
     level = fix_level(one.error[:, 0], fixes.sigma[:, 0] / before, predicted)
     if abs(np.log(level / before)) < _SETTLED or others_are_worse(run.noise_ratios, level):
         level = before
-    rescaled = replace(fixes, sigma=fixes.sigma * (level / before))
+    rescaled = fixes.with_sigma(fixes.sigma * (level / before))
     wrong = _wrong_alone(fixes.slots[0].index, one.in_sigmas(rescaled.sigma)[:, 0])
     wrong &= _likelier_wrong(problem, rescaled, one.error[:, 0], predicted)
     used, aside = rescaled.take(~wrong), withheld_fix(rescaled.take(wrong))
     changed = bool(wrong.any()) or level != before
     if withheld is not None:
-        withheld = replace(withheld, sigma=withheld.sigma * (level / before))
+        withheld = withheld.with_sigma(withheld.sigma * (level / before))
         again = np.abs(left_out(withheld, states, run.covariance, used=False).in_sigmas(withheld.sigma)[:, 0])
         fits = again < _AGAIN_SIGMAS
         used, changed = used.joined(followed_fix(withheld.take(fits))), changed or bool(fits.any())

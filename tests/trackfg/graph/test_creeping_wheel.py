@@ -12,7 +12,7 @@ from trackfg.datasets.scenarios import scenario, simulate
 from trackfg.datasets.vehicle.vehicle import Rigid
 from trackfg.factors.factor_type import FactorType
 from trackfg.factors.family import Family, changed
-from trackfg.factors.odometry import force_on_distance
+from trackfg.factors.odometry import force_on_distances
 from trackfg.factors.states import States
 from trackfg.graph.build import Problem
 from trackfg.graph.creeping_wheel import with_creeping_wheels
@@ -41,7 +41,7 @@ def creeping(problem: Problem, states: States, share: float, *, traction: bool) 
     second, t = family(problem, SECOND), problem.t
     step = np.abs(states.odo.step[1:])
     force = np.zeros_like(step)
-    force[second.first_keyframe] = force_on_distance(second.data["response"])
+    force[second.first_keyframe] = force_on_distances(second.data["response"])
     forced = (force if traction else -force) > 0.05 * step + 1e-3
     more = (share * forced * step)[second.first_keyframe]
     rolled = second.with_data(counted=second.data["counted"] + more)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import gtsam
 import numpy as np
@@ -232,12 +233,13 @@ def test_a_family_on_keyframes_that_are_not_there_is_refused(plain: tuple[Proble
 
 
 def test_a_solution_in_the_place_of_a_part_of_it_is_refused(plain: tuple[Problem, Solution]) -> None:
-    problem, solution = plain
+    problem, given = plain
+    solution: Any = given
     for take in (problem.errors, problem.to_gtsam):
         with pytest.raises(TypeError, match=r"expected states, such as solution\.states, not Solution"):
-            take(solution)  # type: ignore[arg-type]
+            take(solution)
     with pytest.raises(TypeError, match=r"solution\.root, not Solution"):
-        posterior_covariance(solution)  # type: ignore[arg-type]
+        posterior_covariance(solution)
 
 
 def test_keys_say_what_they_stand_for(plain: tuple[Problem, Solution]) -> None:

@@ -229,9 +229,8 @@ def _part(sensor: MappedSensor, tables: Sequence[SourceTable], kilometrage: Kilo
             columns = {name: _diluted(name, values, dop) for name, values in columns.items()}
     if sensor.kind == "gnss_speed":
         speed, *sd = measured
-        keep &= (speed >= 0.0) & np.all(
-            [one > 0.0 for one in sd], axis=0
-        )  # -1 where a phone has none, 0 where no sigma
+        # A phone writes a speed of -1 where it has none, and a sigma of 0 where it knows none.
+        keep &= np.all([speed >= 0.0, *(one > 0.0 for one in sd)], axis=0)
     if sensor.kind in ("gnss", "gnss_speed"):
         keep &= _new_and_valid(sensor, table, times, measured)
     if not keep.all():

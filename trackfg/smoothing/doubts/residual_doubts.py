@@ -191,12 +191,15 @@ def _columns(run: SolvedRun, functions: Sequence[_Function]) -> Columns:
     states, size = run.solution.states, run.solution.root.size
     n = len(states)
     at = np.unique(np.linspace(0, n - 1, _PLACES + 2).astype(np.int64)[1:-1])
+    ends = [
+        (k, sign * keyframe_jacobian(states.take(k), run.problem.run.lever_arm))
+        for k, sign in ((at, 1.0), (np.minimum(at + 1, n - 1), -1.0))
+    ]
     count = len(functions) * len(at)
     columns = Columns(np.zeros((n, KEYFRAME_DIM, count)), np.zeros((size - KEYFRAME_DIM, count)))
     for column, function in zip(np.arange(count).reshape(len(functions), -1), functions, strict=True):
-        for k, sign in ((at, 1.0), (np.minimum(at + 1, n - 1), -1.0)) if function.change else ((at, 1.0),):
-            J = keyframe_jacobian(states.take(k), run.problem.run.lever_arm)
-            row = sign * J[:, QUANTITIES.index(function.column)]
+        for k, J in ends if function.change else ends[:1]:
+            row = J[:, QUANTITIES.index(function.column)]
             columns.keyframes[k, :, column] += row[:, :KEYFRAME_DIM]
             columns.shared[: J.shape[2] - KEYFRAME_DIM, column] += row[:, KEYFRAME_DIM:].T
     return columns
