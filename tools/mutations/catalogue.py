@@ -717,7 +717,7 @@ _SENSORS = (
     Part(
         "trackfg/sensors/averages.py",
         ("tests/trackfg/sensors/test_averages.py",),
-        (_one("a mean is an integral", ") / step for integral in integrals]", ") for name in IMU_COLUMNS[1:]]"),),
+        (_one("a mean is an integral", ") / step for integral in integrals]", ") for integral in integrals]"),),
     ),
 )
 
