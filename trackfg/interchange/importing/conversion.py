@@ -24,7 +24,7 @@ from trackfg.errors import BadInputError, did_you_mean
 from trackfg.files.atomic_folder import replaced_folder
 from trackfg.files.owned_folder import refuse_used
 from trackfg.interchange.importing.balise_places import COLUMNS, planned_places
-from trackfg.interchange.importing.columns.receiver_state import without_position
+from trackfg.interchange.importing.columns.receiver_state import RANGE_SD_M, range_sd_m, without_position
 from trackfg.interchange.importing.columns.time_columns import time_columns, time_unit
 from trackfg.interchange.importing.mapping import BALISES, MappedSensor, Mapping, fits
 from trackfg.interchange.importing.recorded_columns import in_recorded_units
@@ -223,10 +223,7 @@ def _part(sensor: MappedSensor, tables: Sequence[SourceTable], kilometrage: Kilo
     keep, notes = _says_something(sensor, table, columns)
     if sensor.kind == "gnss":
         keep &= ~np.all([values == 0.0 for values in measured[:2]], axis=0)  # what receivers write without a fix
-        if sensor.reading.dop is not None:
-            dop = table.numbers(sensor.reading.dop)
-            dop = np.where(dop > 0.0, dop, 1.0)  # 0 or nothing: not known
-            columns = {name: _diluted(name, values, dop) for name, values in columns.items()}
+        columns = _by_quality(sensor, table, columns, keys)
     if sensor.kind == "gnss_speed":
         speed, *sd = measured
         # A phone writes a speed of -1 where it has none, and a sigma of 0 where it knows none.
@@ -248,9 +245,25 @@ def _new_and_valid(sensor: MappedSensor, table: SourceTable, times: Times, measu
     return new if sensor.reading.valid is None else new & ~without_position(table.column(sensor.reading.valid))
 
 
-def _diluted(name: str, values: Array, dop: Array) -> Array:
-    """Return a column of a constant sigma (n,) times the dilution of precision, and any other as it is."""
-    return values * dop if name.startswith(_CONSTANT) else values
+def _by_quality(
+    sensor: MappedSensor, table: SourceTable, columns: dict[str, Array], keys: dict[str, Any]
+) -> dict[str, Array]:
+    """Return the columns of positions, with constant sigmas times the dilution of precision and by quality.
+
+    That of a constant height stays: no quality tells how far the vehicle is from it.
+    """
+    factor = np.ones(len(table.frame))
+    if sensor.reading.dop is not None:
+        dop = table.numbers(sensor.reading.dop)
+        factor = np.where(dop > 0.0, dop, 1.0)  # 0 or nothing: not known
+    if sensor.reading.quality is not None:
+        factor = factor * range_sd_m(table.column(sensor.reading.quality)) / RANGE_SD_M
+    scaled = [
+        sd
+        for place, sd in zip(keys["position"], keys["sd"], strict=False)
+        if sd.startswith(_CONSTANT) and not place.startswith(_CONSTANT)
+    ]
+    return {name: values * factor if name in scaled else values for name, values in columns.items()}
 
 
 def _says_something(

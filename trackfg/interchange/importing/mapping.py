@@ -41,7 +41,8 @@ class _Reading(BaseModel):
     ``file`` may be a pattern; two of them are the gyro's and the accelerometer's. ``time`` is a column, or the date's
     and the time of day's, or :data:`~trackfg.interchange.importing.source_table.ROW_NUMBER`. The keys of times are
     those of :class:`~trackfg.interchange.importing.times.TimeNotation`. ``valid`` is the column that says whether a
-    position is one, ``dop`` that of the dilution of precision, by which constant sigmas are multiplied.
+    position is one, ``dop`` that of the dilution of precision, by which constant sigmas are multiplied, ``quality``
+    that of NMEA's quality: constant sigmas are those of quality 1.
     """
 
     model_config = ConfigDict(extra="ignore", frozen=True)
@@ -59,6 +60,7 @@ class _Reading(BaseModel):
     increments: bool = False
     valid: str | None = None
     dop: str | None = None
+    quality: str | None = None
 
 
 _CONSUMED = tuple(key for key in _Reading.model_fields if key != "file")

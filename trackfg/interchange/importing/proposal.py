@@ -16,7 +16,13 @@ from trackfg.errors import BadInputError
 from trackfg.interchange.importing.balise_places import COLUMNS
 from trackfg.interchange.importing.columns.column_meaning import first_of, kind_in
 from trackfg.interchange.importing.columns.column_names import parts_of
-from trackfg.interchange.importing.columns.receiver_state import dilution_column, state_column, without_position
+from trackfg.interchange.importing.columns.receiver_state import (
+    RANGE_SD_M,
+    dilution_column,
+    quality_column,
+    state_column,
+    without_position,
+)
 from trackfg.interchange.importing.columns.time_columns import states_no_zone
 from trackfg.interchange.importing.columns.written_units import factor_of, unit_in
 from trackfg.interchange.importing.mapping import FORMAT
@@ -33,9 +39,8 @@ from trackfg.numerics.km_notation import metres_of
 FIX_SD_M = 1.0
 """Proposed for balises and posts without a sigma: a post is read off to about a metre."""
 
-GNSS_SD_M = (3.0, 3.0, 6.0)
-"""Proposed for positions without a sigma: a single-frequency receiver in the open (GPS SPS Performance Standard 2020:
-about 3 m horizontally, twice as much in height)."""
+GNSS_SD_M = (RANGE_SD_M, RANGE_SD_M, 2.0 * RANGE_SD_M)
+"""Proposed for positions without a sigma, east, north and up: that of a range horizontally, twice as much in height."""
 
 UNKNOWN_HEIGHT_SD_M = 1000.0
 """Sigma of the height 0 where a source has none, m: no railway is as high as five of it."""
@@ -113,11 +118,20 @@ def _gnss(proposal: Proposal, tables: Sequence[SourceTable]) -> None:
         if stated_height is not None and factor_of(stated_height, "length") != 1.0:
             section["height_unit"] = stated_height
         section |= _validity(proposal, table, latitude)
-        if section["sd"] == list(GNSS_SD_M) and (dop := dilution_column(table)) is not None:
-            section["dop"] = dop
-            proposal.reasons["gnss.sd"] = f"m, east, north, up: assumed, times {dop}"
+        if "gnss.sd" in proposal.reasons:
+            section |= _precision(proposal, table)
         proposal.sections["gnss"] = section
         return
+
+
+def _precision(proposal: Proposal, table: SourceTable) -> dict[str, str]:
+    """Return the keys of the columns that say how good the positions are, whose sigmas are assumed."""
+    told = {"dop": dilution_column(table), "quality": quality_column(table)}
+    keys = {key: name for key, name in told.items() if name is not None}
+    by = {"dop": "times {}", "quality": "by {}"}
+    assumed = ", ".join(by[key].format(name) for key, name in keys.items())
+    proposal.reasons["gnss.sd"] += f", {assumed}" if assumed else ""
+    return keys
 
 
 def _validity(proposal: Proposal, table: SourceTable, latitude: str) -> dict[str, Any]:

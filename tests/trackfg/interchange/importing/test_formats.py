@@ -156,6 +156,23 @@ def test_the_quality_of_a_gga_sentence_is_that_of_its_position(tmp_path):
     np.testing.assert_allclose(frame["sd_east_m"], 0.8 * np.array([3.0, 1.0, 3.0, 0.05, 0.5]))
 
 
+def test_the_mode_of_an_rmc_sentence_is_that_of_its_position(tmp_path):
+    from trackfg.interchange.importing.sources.gnss_log import read_gnss_log
+
+    nmea = tmp_path / "log.nmea"
+    nmea.write_text(
+        "".join(
+            _sentence(f"GNRMC,03120{i}.00,A,4654.0000,N,00724.0000,E,24.0,90.0,010526,,,{mode}")
+            for i, mode in enumerate("ADEFR")
+        )
+    )
+
+    frame = read_gnss_log(nmea).frame  # an estimated position and its speed are no measurements
+
+    np.testing.assert_allclose(frame["sd_east_m"], [3.0, 1.0, 0.5, 0.05])
+    np.testing.assert_allclose(np.diff(frame["time_ns"]) / 1e9, [1.0, 2.0, 1.0])
+
+
 @pytest.mark.parametrize("beginning", ["", "$GNGGA"])
 def test_a_receiver_log_that_ends_in_zeros_is_given_up(beginning, tmp_path):
     from trackfg.interchange.importing.sources.gnss_log import read_gnss_log

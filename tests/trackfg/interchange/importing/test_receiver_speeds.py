@@ -11,6 +11,7 @@ import pytest
 from interchange.foreign_forms import Drive, write_phyphox, write_sensor_logger
 
 from trackfg.datasets.scenarios import Simulation
+from trackfg.errors import BadInputError
 from trackfg.interchange.importing.conversion import Imported
 from trackfg.interchange.importing.sources.gnss_log import read_gnss_log
 from trackfg.interchange.importing.sources.phones import Phyphox
@@ -100,6 +101,36 @@ def sentence(text: str) -> str:
     for character in text:
         checksum ^= ord(character)
     return f"${text}*{checksum:02X}\r\n"
+
+
+def with_vtg(path: Path, *, first: bool) -> np.ndarray:
+    """Write a log of positions whose speeds are in sentences without a time, and return the true speeds."""
+    t = np.arange(60)
+    speed = 10.0 + 5.0 * np.sin(t / 6.0)
+    minutes = 60.0 * np.cumsum(np.gradient(-30.0 * np.cos(t / 6.0) + 10.0 * t)) / 111_150.0
+    text = sentence("GPZDA,031159.00,01,05,2026,00,00")
+    for second in t:
+        place = f"{4654.0 + minutes[second]:.6f},N,00724.000000,E,1,10,0.9,450.0,M,50.0,M,,"
+        pair = [
+            sentence(f"GPGGA,0312{second:02d}.00,{place}"),
+            sentence(f"GPVTG,0.0,T,,M,{speed[second] / KNOT:.4f},N,{speed[second] / KMH:.4f},K,A"),
+        ]
+        text += "".join(reversed(pair) if first else pair)
+    path.write_text(text)
+    return speed
+
+
+@pytest.mark.parametrize("first", [False, True])
+def test_speeds_without_a_time_are_of_the_position_beside_them(first: bool, tmp_path: Path) -> None:
+    speed = with_vtg(tmp_path / "log.nmea", first=first)
+    frame = read_gnss_log(tmp_path / "log.nmea").frame
+    np.testing.assert_allclose(frame["speed_mps"], speed, atol=1e-3)
+
+
+def test_speeds_without_any_time_are_named(tmp_path: Path) -> None:
+    (tmp_path / "log.nmea").write_text(3 * sentence("GPVTG,0.0,T,,M,20.0,N,37.0,K,A"))
+    with pytest.raises(BadInputError, match=r"no position found in 3 VTG; .* whose dates GGA and VTG have not"):
+        read_gnss_log(tmp_path / "log.nmea")
 
 
 @pytest.fixture(scope="module")

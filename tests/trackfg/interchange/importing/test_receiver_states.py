@@ -11,8 +11,11 @@ import pandas as pd
 import pytest
 from interchange.foreign_forms import Drive
 
-from trackfg.interchange.importing.columns.receiver_state import without_position
-from trackfg.interchange.importing.conversion import Imported
+from trackfg.interchange.importing.columns.receiver_state import range_sd_m, without_position
+from trackfg.interchange.importing.conversion import Imported, converted
+from trackfg.interchange.importing.mapping import FORMAT, mapping_of
+from trackfg.interchange.importing.source_table import SourceTable
+from trackfg.interchange.importing.text_table import read_text
 
 Import = Callable[..., Imported]
 Tables = dict[str, pd.DataFrame]
@@ -148,17 +151,20 @@ def _ros(tables: Tables, folder: Path) -> Path:
 
 
 @pytest.mark.parametrize(
-    "write", [_compound_hdf5, _hdf5_arrays, _hdf5_flags, _matlab, _tdms, _mdf_words, _mcap_json, _ros]
+    ("write", "range_sd_m"),
+    [(write, 0.05) for write in (_compound_hdf5, _hdf5_arrays, _matlab, _tdms, _mdf_words, _mcap_json)]
+    + [(write, 3.0) for write in (_hdf5_flags, _ros)],  # without a quality
 )
 def test_states_of_a_receiver_are_read_from_every_format(
-    write: Callable[[Tables, Path], Path], drive: Drive, tmp_path: Path, imported: Import
+    write: Callable[[Tables, Path], Path], range_sd_m: float, drive: Drive, tmp_path: Path, imported: Import
 ) -> None:
     recording = imported(write(_tables(drive), tmp_path)).loaded.recording
 
     assert recording is not None
     assert recording.gnss is not None
     np.testing.assert_allclose(recording.gnss["t_s"] - recording.imu["t_s"].iloc[0], drive.gnss_t[KNOWN], atol=1e-6)
-    np.testing.assert_allclose(recording.gnss["east_sd_m"], 4.5)
+    np.testing.assert_allclose(recording.gnss["east_sd_m"], 1.5 * range_sd_m)
+    np.testing.assert_allclose(recording.gnss["up_sd_m"], 3.0 * range_sd_m)
 
 
 @pytest.mark.parametrize(
@@ -175,3 +181,52 @@ def test_states_of_a_receiver_are_read_from_every_format(
 )
 def test_states_without_a_measured_position(name: str, states: list, lost: list[bool]) -> None:
     assert without_position(pd.Series(states, name=name)).tolist() == lost
+
+
+@pytest.mark.parametrize(
+    ("name", "states", "expected"),
+    [
+        ("GPS Quality", [1, 2, 4, 5], [3.0, 1.0, 0.05, 0.5]),
+        ("quality", [4, 60, 99], [3.0, 3.0, 3.0]),  # per cent
+        ("fixType", [2, 3, 4], [3.0, 3.0, 3.0]),  # 4 of UBX: with dead reckoning
+        ("pos_type", ["NARROW_INT", "L1_FLOAT", "PSRDIFF", "SINGLE"], [0.05, 0.5, 1.0, 3.0]),
+        ("fix_status", ["RTK fixed", "RTK Float", "DGPS", "fixed", None], [0.05, 0.5, 1.0, 3.0, 3.0]),
+    ],
+)
+def test_qualities_tell_how_good_positions_are(name: str, states: list, expected: list[float]) -> None:
+    assert range_sd_m(pd.Series(states, name=name)).tolist() == expected
+
+
+def test_positions_of_a_table_are_as_good_as_those_of_a_receiver_s_log(
+    drive: Drive, tmp_path: Path, imported: Import
+) -> None:
+    tables = _tables(drive)
+    fixed = np.arange(20) < 10
+    tables["gps"] = tables["gps"].assign(hdop=0.8, fix_quality=np.where(fixed, 4, 1)).drop(columns="alt")
+    folder = tmp_path / "log"
+    folder.mkdir()
+    for name, table in tables.items():
+        table.to_csv(folder / f"{name}.csv", index=False)
+
+    recording = imported(folder).loaded.recording
+
+    assert recording is not None
+    assert recording.gnss is not None
+    np.testing.assert_allclose(recording.gnss["east_sd_m"], np.where(fixed, 0.04, 2.4))
+    np.testing.assert_allclose(recording.gnss["up_sd_m"], 1000.0)  # no quality tells how high the line is
+
+
+def test_a_height_that_a_mapping_states_is_not_diluted(drive: Drive, tmp_path: Path) -> None:
+    _tables(drive)["gps"].drop(columns="alt").assign(fix_quality=4).to_csv(tmp_path / "gps.csv", index=False)
+    table = read_text(tmp_path / "gps.csv", None)
+    imu = SourceTable("imu.csv", _tables(drive)["imu"])
+    place = {"position": ["lat", "lon", 412.0], "sd": [3.0, 3.0, 5.0], "dop": "hdop", "quality": "fix_quality"}
+    axes = {"gyro": NAMES[:3], "gyro_unit": "rad/s", "accel": NAMES[3:], "accel_unit": "m/s^2", "axes": "FLU"}
+    sections = {"imu": {"file": "imu.csv", "time": "time_s", **axes, "rigid": False}}
+    mapping = {"format": FORMAT, **sections, "gnss": {"file": "gps.csv", "time": "time_s", **place}}
+
+    recorded = converted([imu, table], mapping_of(mapping, "mapping"), run_id="run").files["gnss.parquet"]
+
+    assert (recorded["constant_3"] == 412.0).all()
+    np.testing.assert_allclose(recorded["constant_4"][KNOWN], 0.05 * 1.5)
+    assert (recorded["constant_6"] == 5.0).all()
