@@ -160,6 +160,8 @@ def summary(result: Result) -> RenderableType:
         "wheel scale": _estimate(page.wheel_scale),
         **{f"scale of {name}": _estimate(scale) for name, scale in page.further_scales.items()},
         "clock offset": _estimate(page.clock_offset_s, "s"),
+        "GNSS speeds too high by": _estimate(page.gnss_speed_offset_mps, "m/s"),
+        "clock offset of GNSS speeds": _estimate(page.gnss_speed_clock_offset_s, "s"),
         **_mounting(page.mounting),
         "gyro bias": _vector(page.gyro_bias_radps, _DEG_PER_H, "deg/h"),
         "accelerometer bias": _vector(page.accel_bias_mps2, 1000.0, "mm/s^2"),

@@ -142,6 +142,13 @@ def with_gnss_in_time(recording: Recording, tach_clock_sd_s: float) -> Recording
     return replace(recording, gnss=moved["gnss"], others=others, findings=(*recording.findings, *said))
 
 
+def gnss_moved_s(declared: Recording, moved: Recording) -> float:
+    """Return what was added to the stamps of GNSS between two states of a recording, s."""
+    if declared.gnss is None or moved.gnss is None or moved.gnss.empty:
+        return 0.0
+    return float(moved.gnss["t_s"].iloc[0] - declared.gnss["t_s"].iloc[0])
+
+
 def _clocks(recording: Recording) -> list[_Clock]:
     """Return the clocks that the graph of a recording has offsets of."""
     further = [

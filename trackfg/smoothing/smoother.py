@@ -39,6 +39,7 @@ from trackfg.output.rail_profiles import seen_profiles
 from trackfg.output.track_geometry import geometry_table
 from trackfg.output.trajectory import calibration_table, trajectory_table
 from trackfg.recording.antenna import with_antenna_named
+from trackfg.recording.description import GnssSpeed
 from trackfg.recording.findings import Finding, raise_first
 from trackfg.recording.model import Recording, refuse_other_than_recording
 from trackfg.results.balise_passages import BalisePassages
@@ -53,7 +54,7 @@ from trackfg.smoothing.balise_fixes import balise_findings, with_balise_fixes
 from trackfg.smoothing.doubts.judgement import judged
 from trackfg.smoothing.doubts.recording_doubts import recording_doubts, recording_findings
 from trackfg.smoothing.imu_clock_jumps import without_imu_clock_jumps
-from trackfg.smoothing.late_clocks import Offsets, solved_in_time, with_gnss_in_time, with_offsets
+from trackfg.smoothing.late_clocks import Offsets, gnss_moved_s, solved_in_time, with_gnss_in_time, with_offsets
 from trackfg.smoothing.noise_levels import levels, noise_findings
 from trackfg.smoothing.rail_ties import with_rail_factors
 from trackfg.smoothing.reassessment import SolvedRun, reassessed
@@ -208,7 +209,12 @@ def smooth(
         widened(smoothed.geometry, smoothed.verdicts),
         widened(events, smoothed.verdicts),
         _summary(
-            replace(recording, findings=findings), config, smoothed, correction, anchored=_is_placed(anchored, None)
+            replace(recording, findings=findings),
+            config,
+            smoothed,
+            correction,
+            anchored=_is_placed(anchored, None),
+            gnss_moved_s=gnss_moved_s(sound, measured),
         ),
         widened_places(smoothed.places, smoothed.verdicts),
         *(() if balises is None else (balises.table, passages)),
@@ -422,13 +428,34 @@ def _mounting(solution: Solution, covariance: Covariance) -> Mounting:
 
 
 def _further_scales(recording: Recording, solution: Solution, covariance: Covariance) -> dict[str, Estimate]:
-    """Return the scale of each further sensor that has rows, by the name of its table."""
+    """Return the scale of each further tach or speed sensor that has rows, by the name of its table."""
     value = solution.states.sensor
     sd = np.sqrt(np.diagonal(covariance.of(Kind.SENSOR)[0])).reshape(value.shape)
     return {
         sensor.name: _scalar(solution, 1.0 + float(value[sensor.variable, 0]), float(sd[sensor.variable, 0]))
         for sensor in further_sensors(recording.description)
-        if len(recording.others.get(sensor.name, ())) > 1
+        if not isinstance(sensor.part, GnssSpeed) and len(recording.others.get(sensor.name, ())) > 1
+    }
+
+
+def _receiver_speeds(smoothed: SmoothedStates, moved_s: float) -> dict[str, Estimate]:
+    """Return by what a receiver's speeds are too high and what to add to their stamps, ``moved_s`` included.
+
+    Nothing without any in the graph.
+    """
+    speeds = smoothed.problem.family(FactorType.GNSS_SPEED)
+    if speeds is None or len(speeds) == 0:
+        return {}
+    variable = int(speeds.slots[1].index[0])
+    offset, clock_s = next(
+        prior.residual(smoothed.solution.states)[0]
+        for prior in smoothed.problem.families
+        if prior.type is FactorType.PRIOR_SENSOR and prior.slots[0].index[0] == variable
+    )
+    sd = np.sqrt(np.diagonal(smoothed.covariance.of(Kind.SENSOR)[0])).reshape(-1, Kind.SENSOR.dim)[variable]
+    return {
+        "gnss_speed_offset_mps": _scalar(smoothed.solution, float(offset), float(sd[0])),
+        "gnss_speed_clock_offset_s": _scalar(smoothed.solution, moved_s + float(clock_s), float(sd[1])),
     }
 
 
@@ -439,6 +466,7 @@ def _summary(
     correction: TachCorrection,
     *,
     anchored: bool,
+    gnss_moved_s: float,
 ) -> Summary:
     problem, solution, covariance = smoothed.problem, smoothed.solution, smoothed.covariance
     last = smoothed.calibration.iloc[-1]
@@ -476,6 +504,7 @@ def _summary(
         wheel_scale=scalar(factor * last["wheel_scale"], abs(factor) * last["wheel_scale_sd"]) if has_tach else None,
         further_scales=_further_scales(recording, solution, covariance),
         clock_offset_s=scalar(clock_s, clock_sd) if has_tach else None,
+        **_receiver_speeds(smoothed, gnss_moved_s),
         mounting=_mounting(solution, covariance),
         gyro_bias_radps=bias("gyro_bias_{axis}_radps"),
         accel_bias_mps2=bias("accel_bias_{axis}_mps2"),

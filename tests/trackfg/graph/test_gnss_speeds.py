@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,7 +17,8 @@ from trackfg.factors.states import Kind
 from trackfg.graph.build import build_problem
 from trackfg.numerics.spans import within
 from trackfg.recording.model import GNSS_SPEED_TABLE, IMU_COLUMNS, Recording
-from trackfg.smoothing.smoother import smooth_states
+from trackfg.results.result import Result
+from trackfg.smoothing.smoother import smooth, smooth_states
 
 ANTENNA_M = (2.0, 0.5, 3.0)
 
@@ -92,6 +94,21 @@ def test_the_age_of_the_speeds_is_found_beside_that_of_the_positions() -> None:
         speed = np.interp(smoothed.trajectory["t_s"], run.truth["t_s"], run.truth["speed_mps"])
         error = (smoothed.trajectory["speed_mps"] - speed) / smoothed.trajectory["speed_mps_sd"]
         assert np.sqrt(np.mean(error**2)) < 1.5
+
+
+def test_the_summary_has_the_offset_and_the_age_of_the_speeds(tmp_path: Path) -> None:
+    run = simulated(180.0, delay_s=0.2)
+    table = run.recording.others[GNSS_SPEED_TABLE]
+    late = replace(run.recording, others={GNSS_SPEED_TABLE: table.assign(t_s=table["t_s"] + 0.6)})
+    result = smooth(late)
+    page = Result.read(result.write(tmp_path / "out")).summary
+    assert page.gnss_speed_offset_mps is not None
+    assert page.gnss_speed_clock_offset_s is not None
+    assert page.gnss_speed_offset_mps.sd is not None
+    assert abs(page.gnss_speed_offset_mps.value) < 3.0 * page.gnss_speed_offset_mps.sd
+    assert page.gnss_speed_clock_offset_s.value == pytest.approx(-0.8, abs=0.05)  # stamps that were moved included
+    assert not page.further_scales  # an offset is no scale
+    assert smooth(replace(late, others={})).summary.gnss_speed_offset_mps is None
 
 
 def test_speeds_hold_a_run_together_where_positions_end() -> None:

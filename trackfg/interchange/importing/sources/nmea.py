@@ -99,8 +99,10 @@ class NmeaEpochs:
         """
         positions = self._positions["GGA"] or self._positions["RMC"]
         last = next((position.date for position in positions if position.date is not None), self._date)
+        if last is None:
+            return []
         times: list[datetime] = []
-        for position in positions if last is not None else ():
+        for position in positions:
             last = _nearest(position.time, last if position.date is None else max(last, position.date))
             times.append(last)
         speeds = [self._speeds.get(at, np.nan) for at in times]
