@@ -23,7 +23,7 @@ from trackfg.checks.limits import CheckLimits
 from trackfg.numerics import rotations
 from trackfg.numerics.units import KMH, KNOT, MPH, known_units, to_si
 from trackfg.recording.antenna import with_antenna_named
-from trackfg.recording.description import Imu, Tach
+from trackfg.recording.description import GnssSpeed, Imu, Tach
 from trackfg.recording.findings import Finding
 from trackfg.recording.model import Recording
 from trackfg.sensors.tach import with_sense
@@ -69,7 +69,9 @@ def contradictions(recording: Recording, estimates: Estimates, limits: CheckLimi
         *_wheel(description.tach, estimates.wheel_scale_fixes, force, limits),
         *_wheel(description.tach, None if distorted else estimates.wheel_scale_gnss, force, limits),
         *with_antenna_named([] if distorted else _gnss(recording, estimates.positions, limits), description.gnss),
-        *receiver_speed_findings(recording, None if distorted else estimates.receiver_speed_scale, limits),
+        *receiver_speed_findings(
+            recording.description.gnss_speed, None if distorted else estimates.receiver_speed_scale, limits
+        ),
         *_fixes(recording, estimates.positions, limits),
         *_fix_order(recording),
     ]
@@ -316,9 +318,8 @@ _SPEED_UNITS = {"m/s": 1.0, "km/h": KMH, "kn": KNOT, "mph": MPH, "mm/s": 1e-3, "
 """Units in which receivers tell their speed, m/s: NMEA has knots, UBX mm/s."""
 
 
-def receiver_speed_findings(recording: Recording, scale: WheelScale | None, limits: CheckLimits) -> list[Finding]:
+def receiver_speed_findings(part: GnssSpeed | None, scale: WheelScale | None, limits: CheckLimits) -> list[Finding]:
     """Return where a receiver's speeds contradict its positions, or the tach, by what another unit would make."""
-    part = recording.description.gnss_speed
     if part is None or scale is None or abs(np.log(scale.scale)) < np.log(limits.speed_scale):
         return []
     true = to_si("speed", part.unit) * scale.scale

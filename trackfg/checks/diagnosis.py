@@ -19,7 +19,7 @@ from trackfg.checks.diagnosis_positions import PositionFit, fit_positions
 from trackfg.checks.diagnosis_rest import NoiseDensity, StaticBias, noise_density, static_bias
 from trackfg.checks.diagnosis_silence import SilentSpan, silent_spans, without_silence
 from trackfg.checks.diagnosis_wheel import WheelScale, receiver_speed_scale, scale_from_fixes, scale_from_gnss
-from trackfg.recording.model import Recording
+from trackfg.recording.model import GNSS_SPEED_TABLE, Recording
 from trackfg.sensors.standstills import find_standstills
 from trackfg.sensors.tach import with_sense
 from trackfg.sensors.tach_rows import tach_quantum_m
@@ -95,5 +95,5 @@ def estimates_of(recording: Recording) -> Estimates:
         force=fit_force(usable, axes, offset),
         positions=fit_positions(usable, None if usable.tach is None else on_imu_clock(usable.tach, offset)),
         silent_spans=silent,
-        receiver_speed_scale=receiver_speed_scale(usable),
+        receiver_speed_scale=receiver_speed_scale(usable.others.get(GNSS_SPEED_TABLE), usable.gnss, usable.tach),
     )

@@ -13,7 +13,6 @@ import pandas as pd
 
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.robust import robust_sd
-from trackfg.recording.model import GNSS_SPEED_TABLE, Recording
 from trackfg.sensors.averages import trapezoid_integral
 
 _MIN_CHORD_M = 100.0
@@ -119,12 +118,13 @@ def scale_from_gnss(tach: pd.DataFrame, gnss: pd.DataFrame) -> WheelScale | None
     return WheelScale(scale, max(1.25 * spread / float(np.sqrt(ratio.size)), 1e-5), "gnss", int(ratio.size))
 
 
-def receiver_speed_scale(recording: Recording) -> WheelScale | None:
+def receiver_speed_scale(
+    speeds: pd.DataFrame | None, gnss: pd.DataFrame | None, tach: pd.DataFrame | None
+) -> WheelScale | None:
     """Return true speed over the receiver's own, from its positions, or without any from the tach's distance.
 
     None where neither shows it, or without such speeds.
     """
-    speeds, gnss, tach = recording.others.get(GNSS_SPEED_TABLE), recording.gnss, recording.tach
     if speeds is None or len(speeds) < 2:
         return None
     t, speed = speeds["t_s"].to_numpy(), speeds["speed_mps"].to_numpy()

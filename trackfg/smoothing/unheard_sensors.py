@@ -81,7 +81,8 @@ _SENSORS = {
 
 def without_contradicted_speeds(recording: Recording, limits: CheckLimits) -> Recording:
     """Return the recording without its receiver's speeds where positions or tach contradict them, with a finding."""
-    found = receiver_speed_findings(recording, receiver_speed_scale(recording), limits)
+    scale = receiver_speed_scale(recording.others.get(GNSS_SPEED_TABLE), recording.gnss, recording.tach)
+    found = receiver_speed_findings(recording.description.gnss_speed, scale, limits)
     if not found:
         return recording
     said = (replace(one, message=f"{one.message}; they are left out") for one in found)

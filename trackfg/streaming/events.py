@@ -30,6 +30,7 @@ LOSS_KINDS = {
     "position-range": "no such position on the Earth",
     "tach-jump": "the tach runs faster than 170 m/s, or backwards although it is declared unsigned",
     "stuck-channel": "shows one value again and again: stuck, or at the end of its range",
+    "contradicted": "speeds that the receiver's positions, or the tach, contradict, as those in another unit",
     "impossible-value": "beyond what the sensor of a rail vehicle shows, or far beyond all before",
 }
 """Kinds of events that count rows which were not passed on, and what each means."""

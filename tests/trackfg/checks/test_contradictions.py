@@ -362,7 +362,7 @@ def test_a_receiver_s_speed_in_its_unit_is_left_alone(sound: Recording) -> None:
         replace(sound, description=description, others={GNSS_SPEED_TABLE: speeds}),
         replace(sound, description=description, others={GNSS_SPEED_TABLE: speeds}, gnss=None),
     ):
-        scale = receiver_speed_scale(recording)
+        scale = receiver_speed_scale(recording.others.get("gnss_speed"), recording.gnss, recording.tach)
         assert scale is not None
         assert scale.scale == pytest.approx(1.0, abs=0.03)
         assert without_contradicted_speeds(recording, CheckLimits()) is recording

@@ -1,6 +1,6 @@
 """The intake turns batches as a source gives them into sound, canonical rows in the order of time, and events.
 
-    timestamps -> reorder buffer -> faults of the IMU -> conversion -> gravity, row checks, rates -> clock jumps
+    timestamps -> reorder buffer -> faults of the IMU -> conversion -> gravity, row checks, rates, speeds -> clock jumps
 
 :meth:`Intake.state` is everything that carries over from one batch to the next: an intake restored from it and given
 the batches that followed gives the same rows and events, bit by bit, as one that was never interrupted.
@@ -27,6 +27,7 @@ from trackfg.streaming.intake.imu_clock import ClockLimits
 from trackfg.streaming.intake.rate_check import RateCheck
 from trackfg.streaming.intake.reorder_buffer import ReorderBuffer
 from trackfg.streaming.intake.row_checks import RowChecks
+from trackfg.streaming.intake.speed_check import SpeedCheck
 from trackfg.streaming.intake.timestamps import Timestamps
 from trackfg.streaming.rows import Rows, described_tables, joined_tables
 from trackfg.streaming.sources.source import Batch, Source
@@ -45,6 +46,7 @@ class Intake:
     conversion: Conversion | None
     gravity_check: GravityCheck | None
     rate_check: RateCheck | None
+    speed_check: SpeedCheck
     imu_faults: ImuFaultDetector
     row_checks: RowChecks
     clock_jumps: ClockJumps
@@ -72,6 +74,7 @@ class Intake:
             conversion=None if canonical else Conversion(description),
             gravity_check=None if canonical else GravityCheck(checks),
             rate_check=None if canonical else RateCheck(checks),
+            speed_check=SpeedCheck(checks),
             imu_faults=ImuFaultDetector.of(description.imu, checks, is_canonical=canonical),
             row_checks=RowChecks.of(description, checks),
             clock_jumps=ClockJumps.of(description),
@@ -137,6 +140,7 @@ class Intake:
             event = self.rate_check.take(tables["imu"], tables.get("tach"), self.description.imu)
             if event is not None:
                 self.report.note(event)
+        tables = self.speed_check.sound(tables, self.description.gnss_speed, self.report)
         return Rows.of(tables, until_s, self.gnss_origin)
 
     def _measurements(self, rows: Array) -> Array:
