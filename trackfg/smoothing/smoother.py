@@ -438,14 +438,14 @@ def _further_scales(recording: Recording, solution: Solution, covariance: Covari
     }
 
 
-def _receiver_speeds(smoothed: SmoothedStates, moved_s: float) -> dict[str, Estimate]:
+def _receiver_speeds(smoothed: SmoothedStates, moved_s: float) -> tuple[Estimate, Estimate] | tuple[None, None]:
     """Return by what a receiver's speeds are too high and what to add to their stamps, ``moved_s`` included.
 
-    Nothing without any in the graph.
+    None without any in the graph.
     """
     speeds = smoothed.problem.family(FactorType.GNSS_SPEED)
     if speeds is None or len(speeds) == 0:
-        return {}
+        return None, None
     variable = int(speeds.slots[1].index[0])
     offset, clock_s = next(
         prior.residual(smoothed.solution.states)[0]
@@ -453,10 +453,8 @@ def _receiver_speeds(smoothed: SmoothedStates, moved_s: float) -> dict[str, Esti
         if prior.type is FactorType.PRIOR_SENSOR and prior.slots[0].index[0] == variable
     )
     sd = np.sqrt(np.diagonal(smoothed.covariance.of(Kind.SENSOR)[0])).reshape(-1, Kind.SENSOR.dim)[variable]
-    return {
-        "gnss_speed_offset_mps": _scalar(smoothed.solution, float(offset), float(sd[0])),
-        "gnss_speed_clock_offset_s": _scalar(smoothed.solution, moved_s + float(clock_s), float(sd[1])),
-    }
+    scalar = partial(_scalar, smoothed.solution)
+    return scalar(float(offset), float(sd[0])), scalar(moved_s + float(clock_s), float(sd[1]))
 
 
 def _summary(
@@ -476,6 +474,7 @@ def _summary(
     clock_s = correction.clock_s + float(clock_prior.residual(solution.states)[0, 0])
     has_tach, factor = problem.wheel is not None, correction.factor
 
+    speeds_offset, speeds_clock = _receiver_speeds(smoothed, gnss_moved_s)
     scalar = partial(_scalar, solution)
 
     def bias(name: str) -> VectorEstimate:
@@ -504,7 +503,8 @@ def _summary(
         wheel_scale=scalar(factor * last["wheel_scale"], abs(factor) * last["wheel_scale_sd"]) if has_tach else None,
         further_scales=_further_scales(recording, solution, covariance),
         clock_offset_s=scalar(clock_s, clock_sd) if has_tach else None,
-        **_receiver_speeds(smoothed, gnss_moved_s),
+        gnss_speed_offset_mps=speeds_offset,
+        gnss_speed_clock_offset_s=speeds_clock,
         mounting=_mounting(solution, covariance),
         gyro_bias_radps=bias("gyro_bias_{axis}_radps"),
         accel_bias_mps2=bias("accel_bias_{axis}_mps2"),

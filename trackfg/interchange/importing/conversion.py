@@ -27,7 +27,8 @@ from trackfg.interchange.importing.balise_places import COLUMNS, planned_places
 from trackfg.interchange.importing.columns.receiver_state import RANGE_SD_M, range_sd_m, without_position
 from trackfg.interchange.importing.columns.time_columns import time_columns, time_unit
 from trackfg.interchange.importing.mapping import BALISES, MappedSensor, Mapping, fits
-from trackfg.interchange.importing.recorded_columns import in_recorded_units
+from trackfg.interchange.importing.receiver_epochs import held_rows
+from trackfg.interchange.importing.recorded_columns import in_plan, in_recorded_units
 from trackfg.interchange.importing.sample_stamps import repeated_rows, sorted_rows, spread_stamps, tick_s
 from trackfg.interchange.importing.source_table import ROW_NUMBER, SourceTable
 from trackfg.interchange.importing.stations import read_stations
@@ -53,15 +54,11 @@ _COLUMN_KEYS = {
 _MAY_BE_ABSENT = {("gnss_speed", "sd")}
 """Keys that a description need not have."""
 
+_OF_A_RECEIVER = ("gnss", "gnss_speed")
+"""Kinds of sensors whose rows a table may hold."""
+
 _FIX_COLUMNS = {"chainage": "chainage_m", "sd": "sd_m"}
 """Columns of fixes that need no name in a description."""
-
-_FASTEST_S = 0.04
-"""Time between the positions of the fastest receivers, s: 20 Hz, and some with 25 Hz."""
-_NEW = 0.5
-"""Share of new values among the speeds in motion below which the others are held ones."""
-_HELD_S = 1.5
-"""A position that is the same for longer is one of a vehicle at rest, s: the slowest receivers have 1 Hz."""
 
 _FINE_TICK_S = 0.1
 """A clock that ticks more seldom may be so far off that the smoother has to find it."""
@@ -159,7 +156,7 @@ def converted(tables: Sequence[SourceTable], mapping: Mapping, *, run_id: str) -
     ``run_id`` is used where the mapping has no ``id``. Raises :class:`BadInputError` where a column is missing or
     unreadable, and where clocks cannot be brought together; the message names file, column and row.
     """
-    parts = [_part(sensor, tables, mapping.kilometrage) for sensor in mapping.sensors]
+    parts = [_part(sensor, tables, mapping) for sensor in mapping.sensors]
     clocks = [part.times for part in parts]
     zones = [times.zone for times in clocks if times.zone is not None]
     day = stated_day(table.remarks for table in tables)
@@ -211,7 +208,9 @@ def table_named(tables: Sequence[SourceTable], pattern: str, section: str) -> So
     )
 
 
-def _part(sensor: MappedSensor, tables: Sequence[SourceTable], kilometrage: Kilometrage | None) -> _Part:
+def _part(sensor: MappedSensor, tables: Sequence[SourceTable], mapping: Mapping) -> _Part:
+    kilometrage = mapping.kilometrage
+    beside = next((one for one in mapping.sensors if one.kind == "gnss" and one.files == sensor.files), None)
     if sensor.kind == BALISES:
         return _balises(sensor, tables, kilometrage)
     sources = [table_named(tables, pattern, sensor.section) for pattern in sensor.files]
@@ -228,8 +227,17 @@ def _part(sensor: MappedSensor, tables: Sequence[SourceTable], kilometrage: Kilo
         speed, *sd = measured
         # A phone writes a speed of -1 where it has none, and a sigma of 0 where it knows none.
         keep &= np.all([speed >= 0.0, *(one > 0.0 for one in sd)], axis=0)
-    if sensor.kind in ("gnss", "gnss_speed"):
-        keep &= _new_and_valid(sensor, table, times, measured)
+    if sensor.reading.valid is not None and sensor.kind in _OF_A_RECEIVER:
+        keep &= ~without_position(table.column(sensor.reading.valid))
+    if sensor.kind in _OF_A_RECEIVER:
+        rows = np.flatnonzero(keep)
+        part = replace(table, frame=table.frame.iloc[rows])
+        t = times.since(times.first_ns)[rows]
+        held = rows[_held(sensor, part, t, [values[rows] for values in measured], beside)]
+        keep[held] = False
+        if len(held):
+            left_out = f"{len(held)} of {len(rows)} rows hold a value of a row before"
+            notes += (f"{table.name}: {left_out}, and are left out of [{sensor.section}]",)
     if not keep.all():
         times, columns = _rows(times, keep), {name: values[keep] for name, values in columns.items()}
     if not any(len(values) for values in columns.values()):
@@ -238,11 +246,19 @@ def _part(sensor: MappedSensor, tables: Sequence[SourceTable], kilometrage: Kilo
     return _Part(sensor, times, columns, keys, notes=notes, whole=table if table is sources[0] and keep.all() else None)
 
 
-def _new_and_valid(sensor: MappedSensor, table: SourceTable, times: Times, measured: Sequence[Array]) -> np.ndarray:
-    """Return which rows (n,) of a receiver are its own and not those of the row before again."""
-    t, is_speed = times.since(times.first_ns), sensor.kind == "gnss_speed"
-    new = _is_news(t, np.stack(measured, axis=1), is_speed=is_speed)
-    return new if sensor.reading.valid is None else new & ~without_position(table.column(sensor.reading.valid))
+def _held(
+    sensor: MappedSensor, table: SourceTable, t: Array, measured: Sequence[Array], beside: MappedSensor | None
+) -> np.ndarray:
+    """Return which rows (n,) at times t (n,), s, of a receiver hold what is ``measured`` of a row before.
+
+    ``beside``: the positions of the same table, by which speeds are held, too, unless they have changed by themselves.
+    """
+    values, positions = np.stack(measured, axis=1), sensor if sensor.kind == "gnss" else beside
+    if positions is None:
+        return held_rows(t, values)
+    place = np.stack([_column(positions, table, part) for part in positions.keys["position"]], axis=1)
+    both = values if positions is sensor else np.concatenate([place, values], axis=1)
+    return held_rows(t, both, in_plan(positions, place))
 
 
 def _by_quality(
@@ -298,23 +314,6 @@ def _balises(sensor: MappedSensor, tables: Sequence[SourceTable], kilometrage: K
     if beside is None:
         return _Part(sensor, _rows(times, keep), columns, keys)
     return _Part(sensor, _rows(times, keep), columns, {**keys, "places": _PLACES_FILE}, places)
-
-
-def _is_news(t: Array, measured: Array, *, is_speed: bool) -> np.ndarray:
-    """Return which rows (n,) of a receiver differ from the one before, or come long after the last that is kept.
-
-    A table that is written at a higher rate than any receiver's repeats each position until the next one. So does one
-    in which most speeds in motion are those of the row before again.
-    """
-    new = np.append(True, (measured[1:] != measured[:-1]).any(axis=1))[: len(t)]
-    held = is_speed and len(t) > 1 and np.mean(new[measured[:, 0] > 0.0]) < _NEW
-    if len(t) < 2 or (np.median(np.diff(t)) > _FASTEST_S and not held):
-        return np.ones(len(t), dtype=bool)
-    last = -np.inf
-    for i, at in enumerate(t.tolist()):
-        new[i] |= at >= last + _HELD_S
-        last = at if new[i] else last
-    return new
 
 
 def _columns(

@@ -13,6 +13,7 @@ from trackfg.interchange.importing.columns.column_meaning import INCREMENT_OF, Q
 from trackfg.interchange.importing.columns.written_units import Quantity, factor_of, recorded_unit
 from trackfg.interchange.importing.mapping import MappedSensor
 from trackfg.interchange.importing.times import Times, unwrapped
+from trackfg.numerics import geodesy
 from trackfg.numerics.arrays import Array
 
 _EXAMPLES: dict[Quantity, str] = {
@@ -56,6 +57,15 @@ def in_recorded_units(
         if factor != 1.0:
             columns |= {name: columns[name] * factor for name in names if name in columns}
     return columns, keys
+
+
+def in_plan(sensor: MappedSensor, position: Array) -> Array:
+    """Return where positions (n, 3), in the units of their table, are in plan about the first, m. Shape (n, 2)."""
+    if sensor.keys.get("frame") == "local":
+        return position[:, :2] - position[:1, :2]
+    geodetic = position * _factor_of_position(sensor, sensor.reading.position_unit, "angle")
+    geodetic[:, 2] = 0.0  # in a unit of its own, and without influence
+    return geodesy.geodetic_to_enu(geodetic, geodetic[0])[:, :2]
 
 
 def _factor_of_position(sensor: MappedSensor, unit: str, quantity: Literal["angle", "length"]) -> float:

@@ -187,6 +187,20 @@ def test_speeds_that_a_faster_table_holds_count_once(journey: Simulation, tmp_pa
     pd.DataFrame(columns | {"altitude (m)": drive.height[held], "GPS Speed (m/s)": speed[held]}).to_csv(
         folder / "gps.csv", index=False
     )
-    table = recording_of(imported(folder)).others["gnss_speed"]
+    recording = recording_of(imported(folder))
+    table, gnss = recording.others["gnss_speed"], recording.gnss
     moving = table[table["speed_mps"] > 1.0]
     np.testing.assert_allclose(moving["speed_mps"], np.interp(moving["t_s"], drive.gnss_t, speed), atol=1e-6)
+    assert gnss is not None
+    np.testing.assert_allclose(gnss["t_s"], drive.gnss_t[:-1], atol=1e-6)
+    np.testing.assert_allclose(table["t_s"], gnss["t_s"])
+
+
+def test_a_speed_in_whole_km_h_that_a_receiver_writes_as_it_measures_is_kept(
+    journey: Simulation, tmp_path: Path, imported: Import
+) -> None:
+    speed = np.round(true_speed(journey) / KMH)
+    assert np.mean(np.diff(speed) == 0.0) > 0.3
+    recording = recording_of(imported(logged(journey, tmp_path / "log", **{"GPS Speed (km/h)": speed})))
+    assert recording.gnss is not None
+    assert len(recording.others["gnss_speed"]) == len(recording.gnss) == len(speed)
