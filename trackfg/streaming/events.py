@@ -29,6 +29,7 @@ LOSS_KINDS = {
     "bad-sigma": "a sigma that is zero, negative or below 1e-9 m",
     "position-range": "no such position on the Earth",
     "tach-jump": "the tach runs faster than 170 m/s, or backwards although it is declared unsigned",
+    "speed-jump": "a speed over ground above 170 m/s, or below zero although it has no sign",
     "stuck-channel": "shows one value again and again: stuck, or at the end of its range",
     "contradicted": "speeds that the receiver's positions, or the tach, contradict, as those in another unit",
     "impossible-value": "beyond what the sensor of a rail vehicle shows, or far beyond all before",

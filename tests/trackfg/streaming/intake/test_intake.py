@@ -233,3 +233,15 @@ def test_impossible_sigmas_and_positions_and_speeds_are_reported(draft: Draft) -
     np.testing.assert_allclose(tables["tach"], [[0.0, 0.0], [1.0, 10.0], [4.0, 40.0]])
     np.testing.assert_allclose(conversion.gnss_origin, [35.2, 139.0, 50.0])
     assert {(event.kind, event.rows) for event in report.end_of_stream()} == {("position-range", 1), ("tach-jump", 2)}
+
+
+def test_speeds_over_ground_of_no_vehicle_are_reported(draft: Draft) -> None:
+    draft.toml["speed"] = [{"file": "speed.csv", "column": "v", "unit": "km/h"}]
+    draft.toml["gnss_speed"] = {"file": "gnss.csv", "column": "v"}
+    conversion, report = Conversion(RecordingDescription.model_validate(draft.toml)), LossReport()
+    speeds = np.array([[0.0, 36.0], [1.0, 1e4], [2.0, -36.0]])
+    tables = conversion.converted({"speed/1": speeds, "gnss_speed": speeds}, report)
+    np.testing.assert_allclose(tables["speed/1"], [[0.0, 10.0]])
+    assert tables["gnss_speed"][:, 0].tolist() == [0.0]
+    events = {(event.kind, event.table, event.rows) for event in report.end_of_stream()}
+    assert events == {("speed-jump", "speed/1", 2), ("speed-jump", "gnss_speed", 2)}
