@@ -83,3 +83,8 @@ def expected_one_of(known: Iterable[str], name: str) -> str:
     names = list(known)
     near = did_you_mean(name, names)
     return f"expected one of {', '.join(names)}" + (f". Hint: {near}" if near else "")
+
+
+def counted(number: int, noun: str) -> str:
+    """Return a number with its noun: ``1 run``, ``2 runs``."""
+    return f"{number} {noun}{'' if number == 1 else 's'}"

@@ -304,10 +304,16 @@ _GRAPH = (
                 "1.0 / config.interval_at_rest_s",
                 "1.0 / config.interval_s",
             ),
+        ),
+    ),
+    Part(
+        "trackfg/numerics/spans.py",
+        ("tests/trackfg/graph/test_keyframes.py",),
+        (
             _one(
                 "the nearest grid point is the next one",
-                "(times - grid[right - 1] < grid[right] - times)",
-                "(times < grid[right - 1])",
+                "(values - grid[right - 1] < grid[right] - values)",
+                "(values < grid[right - 1])",
             ),
         ),
     ),

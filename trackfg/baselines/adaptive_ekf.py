@@ -38,13 +38,14 @@ import numpy as np
 from scipy.ndimage import uniform_filter1d
 from scipy.signal import butter, sosfilt, sosfilt_zi, sosfiltfilt
 
-from trackfg.baselines.attitude import Attitude, SampledMotion, motion_of, roll_and_pitch, tables
+from trackfg.baselines.attitude import Attitude, SampledMotion, motion_of, tables
 from trackfg.baselines.result import BaselineResult, recorded
 from trackfg.errors import BadInputError
 from trackfg.geometry.cross_level import cross_level
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.units import STANDARD_GRAVITY
 from trackfg.recording.model import Recording
+from trackfg.sensors.tilt import force_tilt
 
 GAL = 0.01
 """m/s^2."""
@@ -102,7 +103,7 @@ def run(recording: Recording, **parameters: Any) -> BaselineResult:
     motion = motion_of(recording, remove_static_bias=p.remove_static_bias)
     force = motion.without_centripetal() if p.centripetal else motion.accel
     smoothing = in_time(motion, p.F_space_1pm) if p.as_printed else along_the_track(motion, p.F_space_1pm)
-    y = np.stack(roll_and_pitch(smoothing.low_passed(force)), axis=1)
+    y = force_tilt(smoothing.low_passed(force))
     R = np.full_like(y, p.R0_rad2)
     if p.adaptive:
         index = smoothing.vibration(motion.accel[:, :2])

@@ -119,15 +119,6 @@ def motion_of(recording: Recording, *, remove_static_bias: bool) -> SampledMotio
     )
 
 
-def roll_and_pitch(accel: Array) -> tuple[Array, Array]:
-    """Return tilt of a vehicle at rest, rad, from its specific force (..., 3): with ``f = R^T (0, 0, g)``,
-
-    roll = atan(fy / fz), pitch = atan(-fx / sqrt(fy^2 + fz^2)).
-    """
-    fx, fy, fz = accel[..., 0], accel[..., 1], accel[..., 2]
-    return np.arctan2(fy, fz), np.arctan2(-fx, np.hypot(fy, fz))
-
-
 @dataclass(frozen=True)
 class Attitude:
     """Attitude at every sample, (n,) each, rad; ``cross_level``, m, left of the *vehicle* higher positive."""

@@ -15,6 +15,7 @@ import typer
 
 from trackfg.cli.options import with_options
 from trackfg.cli.terminal import complain, note, shows_progress, tell
+from trackfg.errors import counted, printable
 
 if TYPE_CHECKING:
     from trackfg.fleet.isolated_run import Outcome
@@ -112,8 +113,6 @@ def _name_lost_lines(planned: Sequence[PlannedRun]) -> None:
     lost = Counter(each.lost_line for each in planned if each.lost_line)
     if not lost:
         return
-    from trackfg.errors import printable
-    from trackfg.report.numbers import counted
 
     for line, runs in sorted(lost.items()):
         complain(
@@ -150,7 +149,6 @@ def _progress(total: int) -> Iterator[Callable[[Outcome], None]]:
 
     Where the batch is interrupted, say how far it has come.
     """
-    from trackfg.errors import printable
 
     done = failed = 0
 

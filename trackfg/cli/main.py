@@ -63,7 +63,7 @@ from trackfg.cli.terminal import (
     titled,
     working,
 )
-from trackfg.errors import BadInputError, TrackfgError, first_line, printable
+from trackfg.errors import BadInputError, TrackfgError, counted, first_line, printable
 from trackfg.files.atomic_folder import real_path
 
 if TYPE_CHECKING:
@@ -553,7 +553,7 @@ def _limit_lines(result: Result, choice: LimitChoice | None) -> list[LimitLine]:
         return []
     lines, left_out = limit_lines(result, choice.table(), choice.line_speed_kmh)
     for reason, number in left_out.items():
-        complain(f"trackfg: warning: {number} {'limit' if number == 1 else 'limits'} not drawn: {reason}")
+        complain(f"trackfg: warning: {counted(number, 'limit')} not drawn: {reason}")
     return lines
 
 

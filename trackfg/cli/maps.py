@@ -11,7 +11,7 @@ import typer
 from trackfg.cli.options import Commands, Json, Km, Level, Limits, LineSpeed, TableFile, limit_choice, with_options
 from trackfg.cli.terminal import complain, progress_bar, show_or_tell, tell, working
 from trackfg.cli.terminal import show as show_table
-from trackfg.errors import BadInputError, printable
+from trackfg.errors import BadInputError, counted, printable
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -53,7 +53,6 @@ def build(
     from trackfg.cli.map_file import FleetRuns, build_map_file
     from trackfg.config import SmoothConfig
     from trackfg.maps.location import locate
-    from trackfg.report.numbers import counted
 
     settings = SmoothConfig.from_toml(config) if config else None
     with progress_bar() as progress:

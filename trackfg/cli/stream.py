@@ -15,7 +15,7 @@ import typer
 
 from trackfg.cli.options import PORT, Config, Port, newest_map, with_options
 from trackfg.cli.terminal import complain, note, progress_bar
-from trackfg.errors import BadInputError
+from trackfg.errors import BadInputError, counted
 
 if TYPE_CHECKING:
     from trackfg.streaming.checkpoint.checkpoint import Checkpoint
@@ -164,7 +164,7 @@ def _status_line(*, shown: bool) -> Iterator[Callable[[StreamStep], None]]:
             if len(step.estimates.filtered):
                 text = _status(step)
             if progress is not None:
-                progress(f"{text} {events} event{'' if events == 1 else 's'}", step.done)
+                progress(f"{text} {counted(events, 'event')}", step.done)
 
         yield watch
 

@@ -15,6 +15,7 @@ from rich.table import Table
 from rich.text import Text
 
 from trackfg.cli.terminal import columns, complain, titled
+from trackfg.errors import counted
 from trackfg.results.result import Result
 from trackfg.results.summary import Estimate, Mounting, Solver, Summary, VectorEstimate
 from trackfg.results.verdict import causes, opinions
@@ -192,8 +193,7 @@ def _solver(page: Summary) -> dict[str, str]:
 
 def _converged(solver: Solver) -> str:
     """Return whether the solver came to its end, and in how many iterations."""
-    iterations = f"{solver.iterations} iteration{'' if solver.iterations == 1 else 's'}"
-    return f"{'converged in' if solver.converged else 'did not converge in'} {iterations}"
+    return f"{'converged in' if solver.converged else 'did not converge in'} {counted(solver.iterations, 'iteration')}"
 
 
 def verdicts(result: Result) -> tuple[Table, Table]:

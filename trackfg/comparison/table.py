@@ -24,7 +24,7 @@ import numpy as np
 import pandas as pd
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, FiniteFloat, ValidationError
 
-from trackfg.errors import BadInputError
+from trackfg.errors import BadInputError, counted
 from trackfg.evaluation.scores import STATISTICS, margin
 from trackfg.files.atomic_folder import replaced_folder
 from trackfg.files.owned_folder import FolderKind
@@ -231,8 +231,8 @@ class Comparison(KeyFigures):
         """Return the cases, the estimators and the number of scores."""
         return {
             "cases": ", ".join(case.name for case in self.about.cases) or "no case",
-            "runs": _counted(sum(len(case.seeds) for case in self.about.cases), "run"),
-            "estimators": _counted(len(self.about.estimators), "estimator"),
+            "runs": counted(sum(len(case.seeds) for case in self.about.cases), "run"),
+            "estimators": counted(len(self.about.estimators), "estimator"),
             "scores": f"{len(self.scores)} scores",
         }
 
@@ -262,10 +262,6 @@ class Comparison(KeyFigures):
         except (ValidationError, ValueError, OSError) as error:
             raise BadInputError(f"{folder}: not a readable trackfg comparison: {error}") from error
         return cls(about, *tables.values())
-
-
-def _counted(number: int, noun: str) -> str:
-    return f"{number} {noun}{'' if number == 1 else 's'}"
 
 
 def _refuse_other_than_curves(what: str, table: pd.DataFrame, place: str) -> None:

@@ -17,7 +17,7 @@ import pandas as pd
 
 from trackfg.evaluation.scores import PLACE, quantities
 from trackfg.numerics.arrays import Array
-from trackfg.numerics.spans import true_runs
+from trackfg.numerics.passes import passes
 from trackfg.numerics.splines import spline_at
 
 
@@ -53,7 +53,7 @@ def _chainage_errors(trajectory: pd.DataFrame, truth: pd.DataFrame, places: Arra
     """
     t, estimated = trajectory["t_s"].to_numpy(), trajectory["chainage_m"].to_numpy()
     true = np.interp(t, truth["t_s"].to_numpy(), truth["chainage_m"].to_numpy())
-    stretches = [slice(first, stop + 1) for first, stop in _passes(true)]
+    stretches = [slice(one.first, one.last + 1) for one in passes(true, least_m=0.0)]
     out = np.full(places.shape, np.nan)
     for stretch in sorted(stretches, key=lambda stretch: float(np.ptp(true[stretch])), reverse=True):
         x, error = estimated[stretch], (estimated - true)[stretch]
@@ -63,16 +63,3 @@ def _chainage_errors(trajectory: pd.DataFrame, truth: pd.DataFrame, places: Arra
         found = np.isnan(out) & (places >= x[0]) & (places <= x[-1])
         out[found] = np.interp(places[found], x, error)
     return out
-
-
-def _passes(chainage: Array) -> list[tuple[int, int]]:
-    """Return first and last row of each stretch between two changes of direction; a rest belongs to the pass before
-    it.
-    """
-    sense = np.sign(np.diff(chainage))
-    moving = np.flatnonzero(sense)
-    if moving.size == 0:
-        return []
-    last_moving = np.clip(np.searchsorted(moving, np.arange(len(sense)), side="right") - 1, 0, None)
-    sense = sense[moving[last_moving]]
-    return [span for way in (1.0, -1.0) for span in true_runs(sense == way)]

@@ -23,7 +23,7 @@ from trackfg.factors.landmark import balise_passage
 from trackfg.factors.loss import Cauchy
 from trackfg.factors.states import Kind
 from trackfg.graph.build import Problem
-from trackfg.graph.keyframes import nearest
+from trackfg.numerics.spans import nearest
 from trackfg.recording.model import Recording
 
 _MOST = 40

@@ -37,7 +37,7 @@ from trackfg.graph.further_sensors import (
 from trackfg.graph.gtsam_export import GtsamProblem, exported
 from trackfg.graph.inertial import own_bias_walk, preintegrated, tilt
 from trackfg.graph.inputs import GraphInputs, World, world_of
-from trackfg.graph.keyframes import nearest, place_keyframes
+from trackfg.graph.keyframes import place_keyframes
 from trackfg.graph.motion import motion
 from trackfg.graph.odometry import odometer
 from trackfg.graph.positions import positions
@@ -46,7 +46,7 @@ from trackfg.graph.run_context import RunContext, geometry_conventions
 from trackfg.graph.wheel_slip import Rolling, rolling
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.key_figures import KeyFigures
-from trackfg.numerics.spans import within
+from trackfg.numerics.spans import nearest, within
 from trackfg.recording.model import Recording, refuse_other_than_recording
 from trackfg.sensors.dead_reckoning import InitialPath, initial_path
 from trackfg.sensors.imu_intervals import Intervals, intervals

@@ -13,8 +13,8 @@ from trackfg.factors.family import Family
 from trackfg.factors.gnss import ReceiverSpeeds, gnss_speed
 from trackfg.factors.loss import Huber
 from trackfg.graph.inputs import GraphInputs
-from trackfg.graph.keyframes import nearest
 from trackfg.graph.motion import angular_rates
+from trackfg.numerics.spans import nearest
 from trackfg.recording.model import GNSS_SPEED_COLUMNS, GNSS_SPEED_TABLE
 from trackfg.sensors.imu_intervals import means_between
 

@@ -11,7 +11,8 @@ import numpy as np
 
 from trackfg.config import KeyframeConfig
 from trackfg.numerics.arrays import Array
-from trackfg.numerics.spans import within
+from trackfg.numerics.spans import nearest, within
+from trackfg.sensors.averages import trapezoid_integral
 
 TOO_CLOSE = 0.35
 """In phase: a regular keyframe nearer than this to a required one is dropped."""
@@ -23,7 +24,7 @@ def place_keyframes(
     """Return indices into ``edges`` (n + 1,), increasing, from 0 to n; ``speed`` (m,) is given at times ``t`` (m,)."""
     rate = np.maximum(1.0 / config.interval_s, np.abs(speed) / config.distance_m)
     rate = np.where(within(t, rests), 1.0 / config.interval_at_rest_s, rate)
-    phase = np.concatenate([[0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(t))])
+    phase = trapezoid_integral(0.5 * np.diff(t), rate)
     fixed = np.unique(np.concatenate([required, rests.ravel(), [edges[0], edges[-1]]]))
     fixed = fixed[(fixed >= edges[0]) & (fixed <= edges[-1])]
     fixed_phase = np.interp(fixed, t, phase)
@@ -32,9 +33,3 @@ def place_keyframes(
     distance = np.minimum(np.abs(regular - fixed_phase[after - 1]), np.abs(fixed_phase[after] - regular))
     times = np.concatenate([fixed, np.interp(regular[distance > TOO_CLOSE], phase, t)])
     return np.unique(nearest(edges, times))
-
-
-def nearest(grid: Array, times: Array) -> np.ndarray:
-    """Return the index of the entry of the increasing ``grid`` nearest to each time."""
-    right = np.clip(np.searchsorted(grid, times), 1, len(grid) - 1)
-    return right - (times - grid[right - 1] < grid[right] - times)

@@ -10,8 +10,8 @@ from trackfg.factors.gnss import gnss_position
 from trackfg.factors.loss import Cauchy, Huber, Loss
 from trackfg.factors.odometry import absolute_fix
 from trackfg.graph.inputs import GraphInputs
-from trackfg.graph.keyframes import nearest
 from trackfg.numerics.arrays import Array
+from trackfg.numerics.spans import nearest
 from trackfg.recording.description import Gnss
 
 

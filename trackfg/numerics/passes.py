@@ -27,10 +27,13 @@ class Pass:
         return slice(*np.searchsorted(t, ends).tolist())
 
 
-def passes(distance: Array) -> list[Pass]:
-    """Return all passes in order, from the distance at the keyframes, m (n,). A rest belongs to the pass before it."""
+def passes(distance: Array, least_m: float = _MOVED_M) -> list[Pass]:
+    """Return all passes in order, from the distance at the keyframes, m (n,). A rest belongs to the pass before it.
+
+    Steps up to ``least_m`` are rest.
+    """
     steps = np.diff(distance)
-    moving = np.flatnonzero(np.abs(steps) > _MOVED_M)
+    moving = np.flatnonzero(np.abs(steps) > least_m)
     if moving.size == 0:
         return []
     latest = np.clip(np.searchsorted(moving, np.arange(len(steps)), side="right") - 1, 0, None)

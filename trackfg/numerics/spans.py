@@ -1,4 +1,4 @@
-"""Spans: runs of true entries, and times inside spans."""
+"""Spans: runs of true entries, times inside spans, and the entries of a grid nearest to values."""
 
 from __future__ import annotations
 
@@ -32,6 +32,12 @@ def within(t: Array, spans: Array) -> np.ndarray:
     k = np.searchsorted(spans[:, 0], t, side="right") - 1
     inside: np.ndarray = (k >= 0) & (t <= spans[np.maximum(k, 0), 1])
     return inside
+
+
+def nearest(grid: Array, values: Array) -> np.ndarray:
+    """Return the index of the entry of the increasing ``grid`` nearest to each of the values."""
+    right = np.clip(np.searchsorted(grid, values), 1, len(grid) - 1)
+    return right - (values - grid[right - 1] < grid[right] - values)
 
 
 def subtract(spans: Array, breaks: Array) -> Array:

@@ -30,7 +30,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pandas as pd
 
-from trackfg.baselines.attitude import Attitude, SampledMotion, motion_of, roll_and_pitch, tables
+from trackfg.baselines.attitude import Attitude, SampledMotion, motion_of, tables
 from trackfg.geometry.cross_level import cross_level
 from trackfg.numerics.blas_threads import one_thread
 from trackfg.numerics.geodesy import earth_rate_enu, geodetic_to_enu
@@ -40,6 +40,7 @@ from trackfg.sensors.dead_reckoning import initial_path
 from trackfg.sensors.imu_intervals import interpolate_columns, intervals, means_around
 from trackfg.sensors.standstills import find_standstills
 from trackfg.sensors.tach import read_wheel
+from trackfg.sensors.tilt import force_tilt
 
 if TYPE_CHECKING:
     from pyins.measurements import Measurement
@@ -256,7 +257,7 @@ def _start(recording: Recording, motion: SampledMotion) -> Start:
     path = initial_path(recording, intervals(recording), wheel, find_standstills(recording), np.zeros(3), yaw)
     rpy = path.rpy[0].copy()
     if motion.standstill_s > 0.0:
-        rpy[:2] = roll_and_pitch(motion.accel[motion.start].mean(axis=0))
+        rpy[:2] = force_tilt(motion.accel[motion.start].mean(axis=0, keepdims=True))[0]
     headed = gnss is not None or track.heading_deg is not None
     place = path.p[0] + matrix_from_rpy(*rpy) @ np.array(lever_arm)
     origin = _origin(recording)

@@ -6,6 +6,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 from trackfg.comparison.table import REFERENCE, Comparison, Row
+from trackfg.errors import counted
 from trackfg.report.comparison_charts import by_speed, case_curves, colours, run_times
 from trackfg.report.comparison_tables import (
     beaten_table,
@@ -18,7 +19,7 @@ from trackfg.report.comparison_tables import (
     score_table,
     surely_beats,
 )
-from trackfg.report.numbers import counted, duration
+from trackfg.report.numbers import duration
 from trackfg.report.page import Block, Code, Drawing, Facts, Fold, Page, PageSection, Text, Tile, Tiles
 
 _FEW = 12

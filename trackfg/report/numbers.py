@@ -45,11 +45,6 @@ def decimals(sd: float) -> int:
     return max(1 - math.floor(math.log10(sd)), 0) if sd > 0.0 and math.isfinite(sd) else 0
 
 
-def counted(number: int, noun: str) -> str:
-    """Return a number with its noun: ``1 run``, ``2 runs``."""
-    return f"{number} {noun}{'' if number == 1 else 's'}"
-
-
 def percent(share: float | None, places: int = 1) -> str:
     """Format a share of 1 in percent."""
     return NONE if share is None or not math.isfinite(share) else f"{100.0 * share:.{places}f} %"

@@ -19,6 +19,7 @@ from scipy.ndimage import gaussian_filter1d
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.rotations import matrix_from_rpy
 from trackfg.recording.model import Recording
+from trackfg.sensors.averages import trapezoid_integral
 from trackfg.sensors.imu_intervals import Intervals, interpolate_columns, means_around
 from trackfg.sensors.starting_bias import GridMotion, StartingBias, starting_bias
 from trackfg.sensors.tach import Wheel
@@ -61,7 +62,7 @@ class InitialPath:
     def rolled(self, t: Array) -> Array:
         """Return the integral of the speed up to ``t``, m: the distance without the rounding of a count, shape (m,)."""
         speed = np.interp(t, self.t, self.speed)
-        return np.concatenate([[0.0], np.cumsum(0.5 * (speed[1:] + speed[:-1]) * np.diff(t))])
+        return trapezoid_integral(0.5 * np.diff(t), speed)
 
     def velocity(self, t: Array) -> Array:
         """Velocity in n at ``t``, m/s, shape (m, 3)."""

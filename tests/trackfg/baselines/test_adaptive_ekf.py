@@ -6,7 +6,6 @@ import pytest
 
 from trackfg.baselines import adaptive_ekf
 from trackfg.baselines.adaptive_ekf import K_PRINTED, K, kalman_filter, process_noise, propagate, window_samples
-from trackfg.baselines.attitude import roll_and_pitch
 from trackfg.baselines.result import BaselineResult
 from trackfg.datasets.scenarios import Simulation, simulate
 from trackfg.errors import BadInputError
@@ -16,6 +15,7 @@ from trackfg.numerics.rotations import matrix_from_rpy, rpy_from_matrix, so3_exp
 from trackfg.numerics.units import STANDARD_GRAVITY as G
 from trackfg.recording.description import Imu, RecordingDescription, Tach, Track
 from trackfg.recording.model import Recording
+from trackfg.sensors.tilt import force_tilt
 
 RATE_HZ = 500.0
 GRAVITY_GAL = 980.665
@@ -126,7 +126,7 @@ def test_filter_is_the_textbooks() -> None:
 
 def test_tilt_at_rest() -> None:
     rest = matrix_from_rpy(np.array(0.1), np.array(-0.03), np.array(0.7)).T @ [0.0, 0.0, G]
-    np.testing.assert_allclose(roll_and_pitch(rest), [0.1, -0.03], atol=1e-12)
+    np.testing.assert_allclose(force_tilt(rest[None]), [[0.1, -0.03]], atol=1e-12)
 
 
 @pytest.mark.parametrize(("cant_mm", "base_m", "over_mm"), [(105.0, 1.067, 0.51), (200.0, 1.5, 1.8)])

@@ -7,8 +7,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from trackfg.config import KeyframeConfig
-from trackfg.graph.keyframes import nearest, place_keyframes
-from trackfg.numerics.spans import within
+from trackfg.graph.keyframes import place_keyframes
+from trackfg.numerics.spans import nearest, within
 
 DT = 0.01
 CONFIG = KeyframeConfig(interval_s=0.5, distance_m=10.0, interval_at_rest_s=5.0)

@@ -13,6 +13,7 @@ import pandas as pd
 
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.chainage_grid import multiples_between
+from trackfg.numerics.spans import nearest
 from trackfg.numerics.splines import spline_at
 
 _IN_PLACE_M = 1e-6
@@ -56,16 +57,15 @@ def warped(table: pd.DataFrame, warp: Warp, step_m: float) -> pd.DataFrame:
         return table.copy()
     chainage = multiples_between(new[0], new[-1], step_m)
     place = warp.inverse(chainage)
-    nearest = np.clip(np.searchsorted(old, place), 1, len(old) - 1)
-    nearest = nearest - (place - old[nearest - 1] < old[nearest] - place)
-    inside = np.abs(place - old[nearest]) <= step_m
-    place, nearest = place[inside], nearest[inside]
+    row = nearest(old, place)
+    inside = np.abs(place - old[row]) <= step_m
+    place, row = place[inside], row[inside]
     columns: dict[str, Array] = {"chainage_m": chainage[inside]}
     splines: dict[bytes, list[str]] = {}  # columns known at the same rows have one matrix to be solved
     for name in table.columns.drop("chainage_m"):
         values = table[name].to_numpy()
         if values.dtype.kind in "iu":
-            columns[name] = values[nearest]
+            columns[name] = values[row]
         elif str(name).endswith("_sd"):
             columns[name] = np.interp(place, old, values)
         else:

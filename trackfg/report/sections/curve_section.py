@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 
 from trackfg.curves import Curve, find_curves
-from trackfg.errors import BadInputError
+from trackfg.errors import BadInputError, counted
 from trackfg.numerics.units import KMH
-from trackfg.report.numbers import NONE, counted, digits, with_sd
+from trackfg.report.numbers import NONE, digits, with_sd
 from trackfg.report.page import PageSection, PageTable, TableRow, Text, folded_if_long
 from trackfg.report.sections.places import PagePlaces
 from trackfg.results.result import Result

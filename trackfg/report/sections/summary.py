@@ -8,9 +8,10 @@ from collections.abc import Iterator
 import numpy as np
 import pandas as pd
 
+from trackfg.errors import counted
 from trackfg.numerics.units import DEG_PER_H, KMH
 from trackfg.report.geometry_charts import channels
-from trackfg.report.numbers import NONE, counted, decimals, digits, duration, length, percent, with_sd, with_unit
+from trackfg.report.numbers import NONE, decimals, digits, duration, length, percent, with_sd, with_unit
 from trackfg.report.page import Block, Facts, PageSection, PageTable, Signature, TableRow, Text, Tile, Tiles
 from trackfg.results.result import Result
 from trackfg.results.summary import Estimate, Solver, Summary, VectorEstimate

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 import pandas as pd
 
-from trackfg.report.numbers import counted, length
+from trackfg.errors import counted
+from trackfg.report.numbers import length
 from trackfg.report.page import Block, Form, FormField, Latest, Page, PageSection, Text, Tile, Tiles
 from trackfg.report.store.addresses import STORE, progress_address
 from trackfg.report.store.line_colours import aspects, coloured_lines

@@ -118,9 +118,8 @@ def _silent_to_the_end(sources: EventSources, states: States) -> EventSources:
     wheel = sources.wheel
     if wheel is None:
         return sources
-    last, end, distance = float(wheel.t[-1]), float(sources.t[-1]), states.odo.distance
-    moved = abs(distance[-1] - np.interp(last, sources.t, distance)) > _MOVED_M
-    if not moved or end - last < _SILENT_S:
+    last, end = float(wheel.t[-1]), float(sources.t[-1])
+    if not _moved_since(last, sources, states) or end - last < _SILENT_S:
         return sources
     since = max(last, float(sources.t[0]))  # older keyframes, and where they were, are forgotten
     return replace(sources, wheel=replace(wheel, gaps=np.concatenate([wheel.gaps, [[since, end]]])))
@@ -132,5 +131,9 @@ def _turned_s(sources: EventSources, states: States) -> float:
         return np.inf
     turned = np.flatnonzero(np.diff(sources.wheel.distance))
     last = float(sources.wheel.t[turned[-1] + 1 if turned.size else 0])
+    return last if _moved_since(last, sources, states) else np.inf
+
+
+def _moved_since(t: float, sources: EventSources, states: States) -> bool:
     distance = states.odo.distance
-    return last if abs(distance[-1] - np.interp(last, sources.t, distance)) > _MOVED_M else np.inf
+    return bool(abs(distance[-1] - np.interp(t, sources.t, distance)) > _MOVED_M)
