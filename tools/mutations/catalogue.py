@@ -539,22 +539,16 @@ _GEOMETRY = (
         ),
     ),
     Part(
-        "trackfg/geometry/curvature.py",
+        "trackfg/geometry/grid.py",
         _GEOMETRY_TESTS,
         (
             _one(
-                "curvature is positive to the right",
+                "curvature is positive to the right, the gradient downhill",
                 "{half: 1.0 / base_m, -half: -1.0 / base_m}",
                 "{half: -1.0 / base_m, -half: 1.0 / base_m}",
             ),
-        ),
-    ),
-    Part(
-        "trackfg/geometry/gradient.py",
-        _GEOMETRY_TESTS,
-        (
             _one(
-                "the gradient is over half the base",
+                "curvature and gradient are over half the base",
                 "{half: 1.0 / base_m, -half: -1.0 / base_m}",
                 "{half: 2.0 / base_m, -half: -2.0 / base_m}",
             ),

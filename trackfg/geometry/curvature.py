@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from trackfg.errors import BadInputError
-from trackfg.geometry.grid import steps, wave_number, weighted_neighbours
+from trackfg.geometry.grid import slope_over, slope_response, steps, wave_number, weighted_neighbours
 from trackfg.numerics.arrays import Array
 
 
@@ -22,13 +22,12 @@ def curvature(heading_rad: ArrayLike, step_m: float, base_m: float = 10.0) -> Ar
 
     NaN within half a base of an end. Raises ``BadInputError`` where half the base is no whole multiple of ``step_m``.
     """
-    half = steps(base_m / 2.0, step_m, "half of base_m")
-    return weighted_neighbours(heading_rad, {half: 1.0 / base_m, -half: -1.0 / base_m})
+    return slope_over(heading_rad, step_m, base_m)
 
 
 def curvature_response(wavelength_m: ArrayLike, base_m: float = 10.0) -> np.ndarray:
     """Return complex response of :func:`curvature` to the heading, 1/m."""
-    return np.asarray(2j * np.sin(wave_number(wavelength_m) * base_m / 2.0) / base_m)
+    return slope_response(wavelength_m, base_m)
 
 
 def heading_of_lateral(u: ArrayLike, step_m: float, half_m: float = 1.0) -> Array:

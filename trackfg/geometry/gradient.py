@@ -7,7 +7,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from trackfg.geometry.grid import steps, wave_number, weighted_neighbours
+from trackfg.geometry.grid import slope_over, slope_response
 from trackfg.numerics.arrays import Array
 
 
@@ -16,10 +16,9 @@ def gradient(z: ArrayLike, step_m: float, base_m: float = 25.0) -> Array:
 
     Raises ``BadInputError`` where half the base is no whole multiple of ``step_m``.
     """
-    half = steps(base_m / 2.0, step_m, "half of base_m")
-    return weighted_neighbours(z, {half: 1.0 / base_m, -half: -1.0 / base_m})
+    return slope_over(z, step_m, base_m)
 
 
 def gradient_response(wavelength_m: ArrayLike, base_m: float = 25.0) -> np.ndarray:
     """Return complex response of :func:`gradient` to the height, 1/m."""
-    return np.asarray(2j * np.sin(wave_number(wavelength_m) * base_m / 2.0) / base_m)
+    return slope_response(wavelength_m, base_m)

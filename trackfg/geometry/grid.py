@@ -39,6 +39,20 @@ def weighted_neighbours(y: ArrayLike, weights: Mapping[int, float]) -> Array:
     return out
 
 
+def slope_over(y: ArrayLike, step_m: float, base_m: float) -> Array:
+    """Return ``(y(x + b/2) - y(x - b/2)) / b`` of y (..., n) over a base b, NaN within half of it of an end.
+
+    Raises ``BadInputError`` where half the base is no whole multiple of the step.
+    """
+    half = steps(base_m / 2.0, step_m, "half of base_m")
+    return weighted_neighbours(y, {half: 1.0 / base_m, -half: -1.0 / base_m})
+
+
+def slope_response(wavelength_m: ArrayLike, base_m: float) -> np.ndarray:
+    """Return complex response of :func:`slope_over`, ``2 i sin(W b/2) / b``, 1/m."""
+    return np.asarray(2j * np.sin(wave_number(wavelength_m) * base_m / 2.0) / base_m)
+
+
 def window_sums(y: Array, count: int) -> Array:
     """Return sums of ``count`` neighbours by repeated doubling: as exact as adding them one by one, and a NaN stays
     where it is (a difference of cumulative sums would keep neither promise). Shape (..., n) to (..., n - count + 1).

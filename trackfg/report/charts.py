@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import html
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Literal
@@ -24,9 +24,16 @@ from trackfg.report.columns import Column, ColumnDifference, packed
 
 TRUTH_COLOUR = "#b87300"
 """Ochre: the colour-blind can distinguish it from the blue of estimates, and its contrast with white paper is 3.8."""
+GRID = "#e3e8ed"
+"""The colour of lines at ticks."""
 VIEW_STRETCHES = 1200
 """More than a chart has columns of pixels."""
 
+ON_MAP = "east %{x:.2f} m<br>north %{y:.2f} m"
+"""What the pointer shows of a place on a map."""
+
+_BAR_PX = 30
+"""Height of a bar, pixels."""
 _SHORT = 4
 """A line of at most this many rows per stretch of the first view is unpacked whole at once."""
 PALETTE = (
@@ -308,6 +315,45 @@ def _view(line: ChartLine) -> FirstView | None:
     rows = extremes(y, VIEW_STRETCHES)
     sigma = None if line.sigma is None else packed(line.sigma.numbers[rows], line.sigma.step)
     return FirstView(packed(line.x.numbers[rows], line.x.step), packed(y[rows], line.y.step), sigma)
+
+
+def bar_figure(bars: Mapping[str, tuple[float, str, str]], x_axis: Mapping[str, Any], alternative: str) -> Figure:
+    """Return bars from top to bottom by their names: how long each is, the text beside it, and its colour."""
+    trace = {
+        "type": "bar",
+        "orientation": "h",
+        "y": [plain(name) for name in bars],
+        "x": [length for length, _, _ in bars.values()],
+        "text": [text for _, text, _ in bars.values()],
+        "textposition": "outside",
+        "cliponaxis": False,
+        "marker": {"color": [colour for _, _, colour in bars.values()]},
+        "hoverinfo": "skip",
+        "width": 0.6,
+    }
+    layout = {
+        "xaxis": {"gridcolor": GRID, **x_axis},
+        "yaxis": {"autorange": "reversed", "automargin": True, "ticklabelstandoff": 8},
+        "margin": {"l": 90, "r": 50, "t": 10, "b": 46},
+    }
+    return Figure((trace,), layout, 70 + _BAR_PX * len(bars), alternative)
+
+
+def labelled_points(name: str, at: Iterable[tuple[str, float, float]], marker: dict[str, Any]) -> dict[str, Any]:
+    """Return the trace of points (text, east, north) on a map, m, whose texts stand beside them."""
+    texts, east, north = zip(*at, strict=True)
+    return {
+        "type": "scatter",
+        "mode": "markers+text",
+        "name": plain(name),
+        "x": listed(east, 3),
+        "y": listed(north, 3),
+        "text": [plain(text) for text in texts],
+        "textposition": "bottom right",
+        "textfont": {"size": 11},
+        "hovertemplate": f"%{{text}}<br>{ON_MAP}<extra>{plain(name)}</extra>",
+        "marker": marker,
+    }
 
 
 def whole_range(*axes: Array) -> tuple[float, float]:

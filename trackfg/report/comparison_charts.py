@@ -14,7 +14,18 @@ from trackfg.comparison.table import Row as Score
 from trackfg.numerics.arrays import Array
 from trackfg.plots.scales import extent, with_margin
 from trackfg.plots.sheet import BAND, BLUE
-from trackfg.report.charts import PALETTE, TRUTH_COLOUR, ChartLine, ChartPanel, Figure, Strips, plain, whole_range
+from trackfg.report.charts import (
+    GRID,
+    PALETTE,
+    TRUTH_COLOUR,
+    ChartLine,
+    ChartPanel,
+    Figure,
+    Strips,
+    bar_figure,
+    plain,
+    whole_range,
+)
 from trackfg.report.columns import Column, packed, packed_sigma
 from trackfg.report.geometry_charts import chainage_axis
 
@@ -28,10 +39,6 @@ _LEAST_BANDS = 2
 """Bands of speed that a chart over speed needs."""
 _ROBUST = 0.995
 """An error axis holds this share of the errors of the estimators that are shown at first."""
-
-_GRID = "#e3e8ed"
-_BAR_PX = 26
-"""Height of a bar, pixels."""
 
 
 @dataclass(frozen=True)
@@ -200,11 +207,11 @@ def by_speed(rows: Iterable[Score], case: str, colour: Mapping[str, str]) -> Fig
     named: dict[str, None] = {}  # in the order of the lines
     for number, quantity in enumerate(quantities, start=1):
         axis = "" if number == 1 else str(number)
-        layout[f"xaxis{axis}"] = {"title": {"text": "speed, km/h"}, "gridcolor": _GRID, "rangemode": "tozero"}
+        layout[f"xaxis{axis}"] = {"title": {"text": "speed, km/h"}, "gridcolor": GRID, "rangemode": "tozero"}
         layout[f"yaxis{axis}"] = {
             "title": {"text": f"error of {QUANTITIES[quantity].label}, {QUANTITIES[quantity].unit}"},
             "type": "log",
-            "gridcolor": _GRID,
+            "gridcolor": GRID,
             "dtick": "D2",
             "exponentformat": "none",
         }
@@ -247,31 +254,15 @@ def run_times(rows: Iterable[Score], colour: Mapping[str, str]) -> Figure | None
             times.setdefault(row.estimator, {})[row.case] = row.seconds_per_km
     if not times:
         return None
-    typical = sorted(((float(np.median(list(cases.values()))), name) for name, cases in times.items()), reverse=True)
-    trace = {
-        "type": "bar",
-        "orientation": "h",
-        "y": [plain(name) for _, name in typical],
-        "x": [float(f"{seconds:.4g}") for seconds, _ in typical],
-        "text": [f"{seconds:.3g}" for seconds, _ in typical],
-        "textposition": "outside",
-        "cliponaxis": False,
-        "marker": {"color": [colour[name] for _, name in typical]},
-        "hoverinfo": "skip",
+    typical = sorted((float(np.median(list(cases.values()))), name) for name, cases in times.items())
+    bars = {name: (float(f"{seconds:.4g}"), f"{seconds:.3g}", colour[name]) for seconds, name in typical}
+    lowest, highest = float(np.floor(np.log10(typical[0][0]))), float(np.ceil(np.log10(typical[-1][0])))
+    x_axis = {
+        "type": "log",
+        "title": {"text": "s per km"},
+        "dtick": 1,
+        "range": [lowest, max(highest, lowest + 1.0) + 0.1],
+        "exponentformat": "none",
     }
-    lowest = np.floor(np.log10(typical[-1][0]))
-    highest = np.ceil(np.log10(typical[0][0]))
-    layout = {
-        "xaxis": {
-            "type": "log",
-            "title": {"text": "s per km"},
-            "gridcolor": _GRID,
-            "dtick": 1,
-            "range": [float(lowest), float(max(highest, lowest + 1.0)) + 0.1],
-            "exponentformat": "none",
-        },
-        "yaxis": {"automargin": True, "ticklabelstandoff": 8},
-        "margin": {"l": 90, "r": 50, "t": 10, "b": 46},
-    }
-    said = "Bars of run time: " + ", ".join(f"{name} {seconds:.3g} s per km" for seconds, name in reversed(typical))
-    return Figure((trace,), layout, 70 + _BAR_PX * len(typical), f"{said}.")
+    said = ", ".join(f"{name} {seconds:.3g} s per km" for seconds, name in typical)
+    return bar_figure(bars, x_axis, f"Bars of run time: {said}.")

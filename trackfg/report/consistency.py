@@ -13,7 +13,7 @@ from scipy.special import ndtr
 from trackfg.evaluation.scores import quantities, score_run
 from trackfg.numerics.arrays import Array
 from trackfg.plots.sheet import BLUE, GREY, RED
-from trackfg.report.charts import Figure, plain
+from trackfg.report.charts import Figure, bar_figure
 from trackfg.report.numbers import digits, percent
 from trackfg.report.page import PageTable, TableRow
 
@@ -23,8 +23,8 @@ _EDGE, _BINS = 5.0, 50
 """Edge of the histograms, in sigmas, and their number of bins."""
 _ACROSS = 4
 """Histograms beside each other."""
-_ROW_PX, _BAR_PX = 190, 34
-"""Heights of a row of histograms and of a bar, pixels."""
+_ROW_PX = 190
+"""Height of a row of histograms, pixels."""
 _LOUD = 2.0
 """Noise above this many times what is assumed stands out."""
 
@@ -66,43 +66,22 @@ def noise_bars(ratios: Mapping[str, float]) -> Figure:
 
     A bar that leaves the scale ends at its edge; its number says where.
     """
-    most = 2.0**_DOUBLINGS
-    doublings = [float(np.log2(min(max(ratio, 1.0 / most), most))) for ratio in ratios.values()]
+    most, reach = 2.0**_DOUBLINGS, _DOUBLINGS + 0.5
     ticks = list(range(-_DOUBLINGS, _DOUBLINGS + 1))
-    reach = _DOUBLINGS + 0.5
-    return Figure(
-        (
-            {
-                "type": "bar",
-                "orientation": "h",
-                "y": [plain(name) for name in ratios],
-                "x": doublings,
-                "text": [digits(ratio) for ratio in ratios.values()],
-                "textposition": "outside",
-                "cliponaxis": False,
-                "marker": {"color": [RED if ratio > _LOUD else BLUE for ratio in ratios.values()]},
-                "hoverinfo": "skip",
-                "width": 0.6,
-            },
-        ),
-        {
-            "xaxis": {
-                "range": [-reach, reach],
-                "tickvals": ticks,
-                "ticktext": [_power(power) for power in ticks],
-                "title": {"text": "actual over assumed noise"},
-                "zerolinecolor": "#1c2733",
-                "zerolinewidth": 1.5,
-                "gridcolor": "#e3e8ed",
-            },
-            "yaxis": {"autorange": "reversed", "automargin": True, "ticklabelstandoff": 8},
-            "margin": {"l": 90, "r": 30, "t": 10, "b": 46},
-        },
-        70 + _BAR_PX * len(ratios),
-        "Bars of actual over assumed noise: "
-        + ", ".join(f"{name} {digits(ratio)}" for name, ratio in ratios.items())
-        + ".",
-    )
+    bars = {
+        name: (float(np.log2(np.clip(ratio, 1.0 / most, most))), digits(ratio), RED if ratio > _LOUD else BLUE)
+        for name, ratio in ratios.items()
+    }
+    x_axis = {
+        "range": [-reach, reach],
+        "tickvals": ticks,
+        "ticktext": [_power(power) for power in ticks],
+        "title": {"text": "actual over assumed noise"},
+        "zerolinecolor": "#1c2733",
+        "zerolinewidth": 1.5,
+    }
+    values = ", ".join(f"{name} {digits(ratio)}" for name, ratio in ratios.items())
+    return bar_figure(bars, x_axis, f"Bars of actual over assumed noise: {values}.")
 
 
 def _power(power: int) -> str:

@@ -15,7 +15,19 @@ from trackfg.plots.decimation import extremes
 from trackfg.plots.geometry_channels import label_of
 from trackfg.plots.scales import extent, with_margin
 from trackfg.plots.sheet import AMBER, BLUE, GREY, ORANGE, RED
-from trackfg.report.charts import TRUTH_COLOUR, ChartLine, ChartPanel, Figure, Span, Strips, listed, plain, whole_range
+from trackfg.report.charts import (
+    GRID,
+    ON_MAP,
+    TRUTH_COLOUR,
+    ChartLine,
+    ChartPanel,
+    Figure,
+    Span,
+    Strips,
+    labelled_points,
+    listed,
+    whole_range,
+)
 from trackfg.report.columns import packed, packed_sigma, packed_value
 from trackfg.report.geometry_charts import error_range
 from trackfg.results.result import Result
@@ -136,7 +148,7 @@ def path_map(
         }
     )
     traces += [*_event_markers(result), *_mark_traces(marks, table)]
-    axis = {"gridcolor": "#e3e8ed", "zeroline": False, "exponentformat": "none", "separatethousands": True}
+    axis = {"gridcolor": GRID, "zeroline": False, "exponentformat": "none", "separatethousands": True}
     return Figure(
         tuple(traces),
         {
@@ -193,36 +205,21 @@ def _background_points(
     if not near:
         return []
     marker = {"color": GREY, "size": 7, "symbol": "diamond"}
-    return [_texts("stations", near, marker)]
+    return [labelled_points("stations", near, marker)]
 
 
 def _mark_traces(marks: Sequence[PathMark], table: pd.DataFrame) -> list[dict[str, object]]:
     """Return a trace of each kind of mark, its ids beside it, where the path first passes its chainage."""
     chainage, first = np.unique(table["chainage_m"].to_numpy(), return_index=True)
     east, north = (table[name].to_numpy()[first] for name in ("east_m", "north_m"))
-    traces = []
+    traces, marker = [], {"color": "#fff", "size": 7, "line": {"color": _MARK, "width": 1.5}}
     for kind in dict.fromkeys(mark.kind for mark in marks):
         of_kind = [mark for mark in marks if mark.kind == kind]
         at = np.array([mark.chainage_m for mark in of_kind])
         places = zip(np.interp(at, chainage, east).tolist(), np.interp(at, chainage, north).tolist(), strict=True)
         texts = [(mark.id, x, y) for mark, (x, y) in zip(of_kind, places, strict=True)]
-        traces.append(_texts(kind, texts, {"color": "#fff", "size": 7, "line": {"color": _MARK, "width": 1.5}}))
+        traces.append(labelled_points(kind, texts, marker))
     return traces
-
-
-def _texts(name: str, at: Sequence[tuple[str, float, float]], marker: dict[str, object]) -> dict[str, object]:
-    return {
-        "type": "scatter",
-        "mode": "markers+text",
-        "name": plain(name),
-        "x": [round(x, 2) for _, x, _ in at],
-        "y": [round(y, 2) for _, _, y in at],
-        "text": [plain(text) for text, _, _ in at],
-        "textposition": "bottom right",
-        "textfont": {"size": 11},
-        "hovertemplate": "%{text}<br>east %{x:.2f} m<br>north %{y:.2f} m<extra>" + plain(name) + "</extra>",
-        "marker": marker,
-    }
 
 
 def _path_in_words(table: pd.DataFrame) -> str:
@@ -273,7 +270,7 @@ def _path(name: str, table: pd.DataFrame, colour: str, width: float) -> dict[str
         "x": listed(east[keep], 3),
         "y": listed(north[keep], 3),
         "customdata": listed(table["chainage_m"].iloc[keep] / 1000.0, 4) if "chainage_m" in table else None,
-        "hovertemplate": "chainage %{customdata:.3f} km<br>east %{x:.2f} m<br>north %{y:.2f} m<extra></extra>",
+        "hovertemplate": f"chainage %{{customdata:.3f}} km<br>{ON_MAP}<extra></extra>",
         "line": {"color": colour, "width": width},
     }
 
@@ -290,18 +287,7 @@ def _event_markers(result: Result) -> list[dict[str, object]]:
     traces: list[dict[str, object]] = []
     for kind, events in result.events.groupby("kind", sort=False):
         rows = result.trajectory.iloc[np.clip(np.searchsorted(t, events["start_s"].to_numpy()), 0, len(t) - 1)]
-        traces.append(
-            {
-                "type": "scatter",
-                "mode": "markers",
-                "name": plain(str(kind)),
-                "x": listed(rows["east_m"], 3),
-                "y": listed(rows["north_m"], 3),
-                "text": [f"{start:.1f} s" for start in events["start_s"]],
-                "hovertemplate": "%{text}<br>east %{x:.2f} m<br>north %{y:.2f} m<extra>"
-                + plain(str(kind))
-                + "</extra>",
-                "marker": _marker(str(kind)),
-            }
-        )
+        times = [f"{start:.1f} s" for start in events["start_s"]]
+        at = zip(times, rows["east_m"], rows["north_m"], strict=True)
+        traces.append(labelled_points(str(kind), at, _marker(str(kind))) | {"mode": "markers"})
     return traces
