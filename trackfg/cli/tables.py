@@ -61,7 +61,7 @@ def estimates(values: Mapping[str, Any]) -> RenderableType:
     """Return what the data say by themselves: each quantity with its unit and 1-sigma, where it could be estimated."""
     rows = {
         "record": f"{values['duration_s']:.1f} s, IMU at {values['imu_rate_hz']:.4g} Hz",
-        **_heard_tach(values),
+        **_tach(values),
         "rests": f"{values['standstills']}, {values['standstill_s']:.1f} s in all",
         **_axes(values["axes"]),
         **_force(values.get("force", {})),
@@ -72,7 +72,7 @@ def estimates(values: Mapping[str, Any]) -> RenderableType:
     return named_values("Estimated from the data", rows)
 
 
-def _heard_tach(values: Mapping[str, Any]) -> dict[str, str]:
+def _tach(values: Mapping[str, Any]) -> dict[str, str]:
     if "tach_rate_hz" not in values:
         return {"tach": "none"}
     quantum = values.get("tach_quantum_m")

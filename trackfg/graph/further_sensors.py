@@ -124,7 +124,7 @@ def _tach(inputs: GraphInputs, sensor: FurtherSensor) -> Family:
     table = inputs.recording.others.get(sensor.name)
     t, distance = _NO_ROWS if table is None or len(table) < 2 else table[["t_s", "distance_m"]].to_numpy().T
     longest_s = longest_silence_s(t, config.tach.max_gap_s)
-    k = np.flatnonzero(_heard(t, at - _READ_S, longest_s) & _heard(t, at + _READ_S, longest_s))
+    k = np.flatnonzero(_covered(t, at - _READ_S, longest_s) & _covered(t, at + _READ_S, longest_s))
     way = 1.0 if part.signed else np.where(inputs.distance[k] < 0.0, -1.0, 1.0)
     count, rate, reading_sd = _readings(part, t, distance, at)
     measured = {
@@ -202,16 +202,16 @@ def integrated(t: Array, speed: Array, at: Array, max_gap_s: float) -> tuple[np.
     total = trapezoid_integral(0.5 * np.diff(t), speed)
     row = np.clip(np.searchsorted(t, at, side="right") - 1, 0, t.size - 2)
     within = total[row] + 0.5 * (at - t[row]) * (speed[row] + np.interp(at, t, speed))
-    return _heard(t, at, longest_s), np.diff(within), interval_s
+    return _covered(t, at, longest_s), np.diff(within), interval_s
 
 
-def _heard(t: Array, at: Array, longest_s: float) -> np.ndarray:
+def _covered(t: Array, at: Array, longest_s: float) -> np.ndarray:
     """Return whether rows at ``t`` (n,), s, cover each interval between times ``at`` (m,) without a longer silence."""
     silences = np.concatenate([[0], np.cumsum(np.diff(t) > longest_s)])
     row = np.clip(np.searchsorted(t, at, side="right"), 1, t.size - 1)
     inside = (at >= t[0]) & (at <= t[-1])
-    heard: np.ndarray = inside[:-1] & inside[1:] & (silences[row[1:]] == silences[row[:-1] - 1])
-    return heard
+    covered: np.ndarray = inside[:-1] & inside[1:] & (silences[row[1:]] == silences[row[:-1] - 1])
+    return covered
 
 
 def _receiver(inputs: GraphInputs, sensor: FurtherSensor) -> Family:

@@ -12,7 +12,7 @@ from trackfg.smoothing.leaning_body import leaning_body
 from trackfg.smoothing.noise_levels import noise_levels
 from trackfg.smoothing.reassessment import Reassessor
 from trackfg.smoothing.rectification import rectification
-from trackfg.smoothing.unheard_sensors import unheard_sensors
+from trackfg.smoothing.weightless_sensors import weightless_sensors
 from trackfg.smoothing.wheel_scale import wheel_scale
 from trackfg.smoothing.wide_priors import wide_priors
 from trackfg.smoothing.wrong_fixes import wrong_fixes
@@ -25,6 +25,6 @@ REASSESSORS: tuple[Reassessor, ...] = (
     gnss_speed_errors,
     wheel_scale,
     wide_priors,
-    unheard_sensors,
+    weightless_sensors,
     leaning_body,
 )

@@ -60,7 +60,7 @@ from trackfg.smoothing.rail_ties import with_rail_factors
 from trackfg.smoothing.reassessment import SolvedRun, reassessed
 from trackfg.smoothing.reassessors import REASSESSORS
 from trackfg.smoothing.straights import with_roll_of_mounting
-from trackfg.smoothing.unheard_sensors import without_contradicted_speeds
+from trackfg.smoothing.weightless_sensors import without_contradicted_speeds
 from trackfg.smoothing.wrong_fixes import with_consensus
 from trackfg.solver.covariance import Covariance, posterior_covariance
 from trackfg.solver.gauss_newton import Solution, solve

@@ -27,7 +27,7 @@ from trackfg.datasets.vehicle.motion import Limits
 from trackfg.numerics.rotations import so3_exp
 from trackfg.numerics.units import KMH, KNOT
 from trackfg.recording.model import GNSS_SPEED_TABLE, IMU_COLUMNS, Recording
-from trackfg.smoothing.unheard_sensors import without_contradicted_speeds
+from trackfg.smoothing.weightless_sensors import without_contradicted_speeds
 
 GYRO, FORCE = list(IMU_COLUMNS[1:4]), list(IMU_COLUMNS[4:7])
 Spoil = Callable[[Recording], Recording]

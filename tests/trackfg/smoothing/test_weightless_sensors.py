@@ -12,7 +12,7 @@ from trackfg.factors.factor_type import FactorType
 from trackfg.factors.family import changed
 from trackfg.smoothing.reassessment import SolvedRun
 from trackfg.smoothing.smoother import SmoothedStates
-from trackfg.smoothing.unheard_sensors import unheard_sensors
+from trackfg.smoothing.weightless_sensors import weightless_sensors
 
 
 def with_sigmas(run: SolvedRun, kind: FactorType, factor: float) -> SolvedRun:
@@ -22,7 +22,7 @@ def with_sigmas(run: SolvedRun, kind: FactorType, factor: float) -> SolvedRun:
 
 
 def test_all_sensors_of_a_sound_run_are_heard(smoothed: Callable[..., SmoothedStates]) -> None:
-    said = unheard_sensors(smoothed("mainline-gnss", seed=0, duration_s=200.0))
+    said = weightless_sensors(smoothed("mainline-gnss", seed=0, duration_s=200.0))
     assert not said.findings
     assert not said.doubts
     assert not said.changed
@@ -36,9 +36,9 @@ def test_a_sensor_far_off_most_of_the_time_is_named(
     smoothed: Callable[..., SmoothedStates], kind: FactorType, name: str
 ) -> None:
     run = with_sigmas(smoothed("mainline-gnss", seed=0, duration_s=200.0), kind, 1e-5)
-    (finding,) = unheard_sensors(run).findings
+    (finding,) = weightless_sensors(run).findings
     assert finding.message.startswith(f"{name} contradict")
-    assert bool(unheard_sensors(run).doubts) == (kind is FactorType.GNSS_POSITION)
+    assert bool(weightless_sensors(run).doubts) == (kind is FactorType.GNSS_POSITION)
 
 
 def test_without_its_only_tach_the_chainage_is_not_to_be_trusted(smoothed: Callable[..., SmoothedStates]) -> None:
@@ -47,10 +47,10 @@ def test_without_its_only_tach_the_chainage_is_not_to_be_trusted(smoothed: Calla
     states = run.solution.states
     odo = replace(states.odo, array=states.odo.array * [1.0, 1.0, 1.0, 1.0 / 3.6])
     slow = replace(run, solution=replace(run.solution, states=replace(states, odo=odo)))
-    (finding,) = unheard_sensors(slow).findings
+    (finding,) = weightless_sensors(slow).findings
     assert "in km/h, declared in m/s" in finding.message
     fixes = [family for family in slow.problem.families if family.type is not FactorType.ABSOLUTE_FIX]
-    alone = unheard_sensors(replace(slow, problem=replace(slow.problem, families=tuple(fixes))))
+    alone = weightless_sensors(replace(slow, problem=replace(slow.problem, families=tuple(fixes))))
     (doubt,) = alone.doubts
     assert doubt.quantities == ("chainage", "speed")
     assert np.isinf(doubt.factor)

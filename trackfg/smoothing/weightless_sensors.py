@@ -23,7 +23,7 @@ from trackfg.recording.model import GNSS_SPEED_TABLE, Recording
 from trackfg.results.verdict import Doubt, Quantity
 from trackfg.smoothing.reassessment import Reassessment, SolvedRun
 
-_UNHEARD = 0.1
+_NO_WEIGHT = 0.1
 """A measurement with less of its weight than this hardly moves the solution: with Huber's loss it is 30 sigmas off."""
 
 _MOST = 0.5
@@ -90,17 +90,19 @@ def without_contradicted_speeds(recording: Recording, limits: CheckLimits) -> Re
     return replace(recording, others=others, findings=(*recording.findings, *said))
 
 
-def unheard_sensors(run: SolvedRun) -> Reassessment:
-    """Reassess whether what is measured was heard: a finding, and a doubt of what nothing else measures."""
+def weightless_sensors(run: SolvedRun) -> Reassessment:
+    """Reassess whether measurements have weight: a finding where not, and a doubt of what nothing else measures."""
     states, families = run.solution.states, run.problem.families
-    shares = {family.type: _share_unheard(family, states) for family in families if family.type in _SENSORS}
+    shares = {family.type: _weightless_share(family, states) for family in families if family.type in _SENSORS}
     findings: list[Finding] = []
     doubts: list[Doubt] = []
     for family in families:
         if shares.get(family.type, 0.0) <= _MOST:
             continue
         sensor = _SENSORS[family.type]
-        reason = f"{sensor.name} contradict the other sensors and have no weight in {100 * shares[family.type]:.0f} %"
+        reason = (
+            f"{sensor.name} contradict the other sensors and {100 * shares[family.type]:.0f} % of them have no weight"
+        )
         if family.type is FactorType.TACH_DISTANCE:
             reason += _ratio(family, states)
         findings.append(Finding("warning", "without-weight", reason, hint=sensor.hint))
@@ -109,11 +111,11 @@ def unheard_sensors(run: SolvedRun) -> Reassessment:
     return Reassessment(run.problem, tuple(findings), tuple(doubts))
 
 
-def _share_unheard(family: Family, states: States) -> float:
+def _weightless_share(family: Family, states: States) -> float:
     """Return the share of its measurements in motion without weight; 0 where there are too few."""
     speed = np.linalg.norm(states.nav.v, axis=1)
     known = _moving(family, speed)
-    return float(np.mean(family.weights(states)[known] < _UNHEARD)) if known.sum() >= _FEWEST else 0.0
+    return float(np.mean(family.weights(states)[known] < _NO_WEIGHT)) if known.sum() >= _FEWEST else 0.0
 
 
 def _moving(family: Family, speed: np.ndarray) -> np.ndarray:
