@@ -90,7 +90,7 @@ def stream(options: StreamOptions) -> None:
         position = saved.position if saved is not None and not options.from_now else 0
         rows = _source(options.source, real_time=options.real_time, position=position)
         smoother = FixedLagSmoother(rows.description, settings, lag_s=options.lag, feature_map=feature_map)
-        return Stream.of(rows, smoother, saved)
+        return Stream.of(rows, smoother, saved, from_now=options.from_now)
 
     into_folder = options.out != _STANDARD
     if not into_folder and (options.resume or options.checkpoint_every is not None):

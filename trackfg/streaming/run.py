@@ -112,10 +112,12 @@ class Stream:
         saved: Checkpoint | None = None,
         *,
         checks: CheckLimits | None = None,
+        from_now: bool = False,
     ) -> Stream:
         """Return a stream from the beginning, or from a checkpoint: source at its position, smoother made as then.
 
-        ``checks``: limits of values that the intake drops rows by, other than the defaults.
+        ``checks``: limits of values that the intake drops rows by, other than the defaults. ``from_now``: rows since the
+        checkpoint are missing, since the source is a live feed.
         Raises :class:`~trackfg.errors.BadInputError` where source and smoother are others than those of the checkpoint.
         """
         stream = cls(source, smoother, Intake.of(source, checks=checks))
@@ -127,6 +129,8 @@ class Stream:
             return stream
         stream.intake.restore(saved.intake)
         smoother.restore(saved.smoother)
+        if from_now:
+            stream.intake.miss_rows()
         return stream
 
     @property

@@ -17,7 +17,8 @@ with L = 0, because times are contiguous already; if the vehicle stood before an
 is the same and gravity has the same direction.
 
 Where a clock was set, times of the stream go on one sampling interval after the last row before, and nothing breaks.
-All tables must have jumped: where one has rows within the jump, time went on. Rows after a jump wait for the next
+All tables must have jumped: where one has rows within the jump, time went on. So it did where rows are known to be
+missing (``missed_s``), whatever the count says. Rows after a jump wait for the next
 ``LOOK_S`` of rows, however these are grouped in batches; a gap mostly shows at once.
 """
 
@@ -57,6 +58,9 @@ _FIRST_SAMPLES = 10
 _MOST_KEPT = 100
 """Older resets and shifts are forgotten: events concern the last minutes."""
 
+_SAME_S = 1e-6
+"""Times that are nearer are the same, s: a sum of shifts is rounded."""
+
 _INTERRUPTIONS = ("gap", "clock-restart")
 """Kinds of events of the IMU that wait until a jump is explained."""
 
@@ -78,7 +82,7 @@ class Jump(NamedTuple):
 
     def is_of(self, event: Event) -> bool:
         """Return whether this is the event of the jump."""
-        return event.t_s is not None and abs(event.t_s - self.begin_s) < 1e-6
+        return event.t_s is not None and abs(event.t_s - self.begin_s) < _SAME_S
 
 
 @dataclass
@@ -89,6 +93,7 @@ class ClockJumps:
     until it is known. ``waiting``: rows after a jump that more rows must explain; ``recent``: rows before one.
     ``looked_s``: jumps up to here have been explained. ``interruptions``: events that wait for that; ``resets``: those
     of the tach. ``shifts``: since when on the sensors' clock which sum was taken off; ``shift_s``: the newest sum.
+    ``missed_s``: the newest time of the IMU, on the sensors' clock, when rows began to be missing.
     """
 
     counts: bool
@@ -101,6 +106,7 @@ class ClockJumps:
     resets: list[Event] = field(default_factory=list)
     shifts: list[tuple[float, float]] = field(default_factory=list)
     shift_s: float = 0.0
+    missed_s: float = np.nan
 
     @classmethod
     def of(cls, description: RecordingDescription) -> ClockJumps:
@@ -218,7 +224,8 @@ class ClockJumps:
 
     def _clock_was_set(self, jump: Jump, tables: Mapping[str, Array], until_s: float, *, last: bool) -> bool | None:
         """Return whether the clock was set; None while more rows are needed."""
-        if not self.counts or not self._all_jump(jump, tables):
+        is_missed = abs(jump.begin_s + self.shift_s - self.missed_s) < _SAME_S
+        if not self.counts or is_missed or not self._all_jump(jump, tables):
             return False
         tach = np.concatenate([*self.recent["tach"], tables["tach"]])
         until = jump.end_s + LOOK_S
@@ -267,8 +274,8 @@ class ClockJumps:
 
     def _explained(self, jump: Jump, *, was_set: bool) -> list[Event]:
         """Return the events that waited for this jump; where a clock was set, ``clock-set`` replaces its own."""
-        due = [event for event in self.interruptions if _end(event) <= jump.end_s + 1e-6]
-        self.interruptions = [event for event in self.interruptions if _end(event) > jump.end_s + 1e-6]
+        due = [event for event in self.interruptions if _end(event) <= jump.end_s + _SAME_S]
+        self.interruptions = [event for event in self.interruptions if _end(event) > jump.end_s + _SAME_S]
         if not was_set:
             return due
         assert self.interval_s is not None

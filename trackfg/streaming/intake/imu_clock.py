@@ -18,7 +18,8 @@ doubt as well, and the doubt is settled if the next rows go on so, up to the new
 A clock that went forward left a ``gap``, up to ``longest_gap_s``. One that went further, or back, was set
 (``clock-restart``). Times on the stream must grow, so from there on they are the sensor's times plus a shift that puts
 the first row after it one sampling interval behind the last row before. That is right where the clock of a running
-logger was corrected; for how long a device was off, its clock does not tell.
+logger was corrected; for how long a device was off, its clock does not tell. Where rows are known to be missing
+(``missed_s``), a clock that is ahead by no more than ``longest_missed_s`` left a gap.
 
 A wrong stamp therefore costs itself and nothing else, whatever its value, and the first row of all is no exception.
 """
@@ -55,7 +56,7 @@ class ClockLimits:
     ``hold_s``: how late a row of any table may be against the newest of the IMU; ``back_s``: how much further behind a
     row of the IMU is merely late; ``ahead_s``: a longer gap must prove itself; ``settle_s``: by so long a succession;
     ``step_s``: between rows that belong together; ``gap_s``: a longer gap of the IMU is an event; ``longest_gap_s``: a
-    longer one was none.
+    longer one was none. ``longest_missed_s``: the same where rows are known to be missing.
     """
 
     hold_s: float = 0.2
@@ -65,6 +66,7 @@ class ClockLimits:
     step_s: float = 1.0
     gap_s: float = 0.5
     longest_gap_s: float = 600.0
+    longest_missed_s: float = 7.0 * 86_400.0
 
 
 @dataclass
@@ -75,7 +77,7 @@ class ImuClock:
     do not follow these. ``doubted_at_s``: the newest time when the first was quarantined. ``recent``
     (h, 2): times and checksums of the newest rows. ``newest_s``: on the stream's clock, minus infinity before the first
     rows have proved themselves. ``shift_s``: what is added to the sensor's time; ``set_s``: the sensor's time, as it
-    was before, when that changed last.
+    was before, when that changed last; ``missed_s``: the newest time when rows began to be missing.
     """
 
     limits: ClockLimits
@@ -86,6 +88,7 @@ class ImuClock:
     newest_s: float = -np.inf
     shift_s: float = 0.0
     set_s: float = np.inf
+    missed_s: float = np.nan
 
     @property
     def in_doubt(self) -> bool:
@@ -240,7 +243,9 @@ class ImuClock:
         self.quarantined = []
         self._refuse_rivals(report)
         first, before = float(rows[:, 0].min()) + self.shift_s, self.newest_s
-        if np.isneginf(before) or 0.0 < first - before <= self.limits.longest_gap_s:
+        limits = self.limits
+        longest_s = limits.longest_missed_s if before == self.missed_s else limits.longest_gap_s
+        if np.isneginf(before) or 0.0 < first - before <= longest_s:
             if first - before > self.limits.gap_s and np.isfinite(before):
                 detail = f"no rows for {first - before:.3f} s"
                 report.note(Event("gap", "imu", before, first, 0, detail))

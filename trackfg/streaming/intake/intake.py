@@ -105,6 +105,10 @@ class Intake:
         rows = self._sound(self.reorder_buffer.push(tables, self.report))
         return self._explained(rows, self.report.end_of_push())
 
+    def miss_rows(self) -> None:
+        """Take rows to be missing from the newest one on: a jump of the clocks ahead is then a gap, not a set clock."""
+        self.reorder_buffer.clock.missed_s = self.clock_jumps.missed_s = self.reorder_buffer.clock.newest_s
+
     def finish(self) -> tuple[Rows, tuple[Event, ...]]:
         """Return the rest at the end of the stream."""
         tables: dict[str, Array] = {}

@@ -197,3 +197,30 @@ def test_events_have_the_times_of_the_stream() -> None:
     assert steps.shift_s == pytest.approx(30.0)
     _, told = steps.without_jumps(Rows(until_s=END_S + 30.0), [late])
     assert [(event.t_s, event.until_s) for event in told] == [(pytest.approx(15.0), pytest.approx(15.5))]
+
+
+@pytest.mark.parametrize("off_s", [300.0, 3000.0])
+@pytest.mark.parametrize("distance", [lambda t: 10.0 * t, lambda t: 0.0 * t])
+def test_a_feed_that_goes_on_from_now_was_off_however_its_tach_has_counted(
+    distance: Callable[[Array], Array], off_s: float
+) -> None:
+    """The count is that of a clock that was set: the vehicle has stood nearly all of the time, or lost its count."""
+    true = run(distance)
+    batches = arriving(true, set_ahead(true, off_s))
+    until = round(WHEN_S / 0.1)
+    for from_now in (True, False):
+        intake = Intake.begin(description(), canonical=True)
+        told = [intake.push(batch) for batch in batches[:until]]
+        again = Intake.begin(description(), canonical=True)
+        again.restore(through_json(intake.state()))
+        if from_now:
+            again.miss_rows()
+        told += [*map(again.push, batches[until:]), again.finish()]
+        t = np.concatenate([rows.imu[:, 0] for rows, _ in told])
+        events = [event.kind for _, some in told for event in some if event.table == "imu"]
+        assert len(t) == len(true["imu"])
+        if from_now:
+            assert events == ["gap"]
+            assert t[-1] == pytest.approx(true["imu"][-1, 0] + off_s)
+        elif off_s > 600.0:
+            assert t[-1] < 2.0 * END_S
