@@ -138,13 +138,27 @@ def with_own(known: Mapping[str, Estimator], own: Mapping[str, Estimator]) -> di
 
 
 def _own_result(name: str, run: Run, recording: Recording) -> BaselineResult:
-    result = run(recording)
+    result = run(_with_own_tables(recording))
     if not isinstance(result, BaselineResult):
         given = type(result).__name__
         raise TypeError(f"estimator {name!r}: expected a trackfg.baselines.result.BaselineResult, not {given}")
     clock = recording.imu["t_s"].to_numpy()
     _refuse_unusable(name, result, (float(clock[0]), float(clock[-1])))
     return result
+
+
+def _with_own_tables(recording: Recording) -> Recording:
+    """Return the recording with copies of its tables: others get what was measured, whatever becomes of these."""
+    tables = {name: table.copy() for name, table in recording.tables.items()}
+    single = {name: tables.get(name) for name in ("tach", "fixes", "gnss")}
+    return replace(
+        recording,
+        imu=tables["imu"],
+        lasers={name: table.copy() for name, table in recording.lasers.items()},
+        others={name: tables[name] for name in recording.others},
+        balises=None if recording.balises is None else recording.balises.copy(),
+        **single,
+    )
 
 
 def _refuse_unusable(name: str, result: BaselineResult, ends_s: tuple[float, float]) -> None:

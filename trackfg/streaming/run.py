@@ -116,8 +116,8 @@ class Stream:
     ) -> Stream:
         """Return a stream from the beginning, or from a checkpoint: source at its position, smoother made as then.
 
-        ``checks``: limits of values that the intake drops rows by, other than the defaults. ``from_now``: rows since the
-        checkpoint are missing, since the source is a live feed.
+        ``checks``: limits of values that the intake drops rows by, other than the defaults. ``from_now``: rows since
+        the checkpoint are missing, since the source is a live feed.
         Raises :class:`~trackfg.errors.BadInputError` where source and smoother are others than those of the checkpoint.
         """
         stream = cls(source, smoother, Intake.of(source, checks=checks))

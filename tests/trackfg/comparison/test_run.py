@@ -10,7 +10,7 @@ import pandas as pd
 import pytest
 
 from trackfg.baselines.result import BaselineResult, filled, resampled_trajectory
-from trackfg.comparison.estimators import SMOOTHER, Estimator, estimator, estimators
+from trackfg.comparison.estimators import SMOOTHER, Estimator, estimator, estimators, with_own
 from trackfg.comparison.friction_case import friction_estimators
 from trackfg.comparison.railway_case import run_railway_case
 from trackfg.comparison.run import Case, cases_of, compare
@@ -169,6 +169,25 @@ def test_an_estimator_of_ones_own_is_scored_like_the_others(tmp_path: Path) -> N
     assert comparison.about.estimators["at-rest"] == "nothing moves (this test)"
     with pytest.raises(BadInputError, match="'gyro': the name is taken"):
         compare(cases, own={"gyro": own["at-rest"]}, peers=False)
+
+
+def in_place(recording: Recording) -> BaselineResult:
+    """It takes its own zero off the tables that it is given."""
+    assert recording.tach is not None
+    recording.imu["wx_radps"] -= 1.0
+    recording.tach.loc[:, "distance_m"] = 0.0
+    recording.imu.loc[:, "fz_mps2"] = 0.0
+    return at_rest(recording)
+
+
+def test_an_estimator_of_ones_own_changes_no_table_of_the_others() -> None:
+    recording = simulate("trolley", seed=0, duration_s=30.0).recording
+    before = {name: table.copy() for name, table in recording.tables.items()}
+    own = {"mine": Estimator("nothing moves", "this test", in_place, ("distance and position",))}
+    with_own({}, own)["mine"].run(recording)
+    assert before.keys() == recording.tables.keys()
+    for name, table in recording.tables.items():
+        pd.testing.assert_frame_equal(table, before[name])
 
 
 def nothing(recording: Recording) -> None:

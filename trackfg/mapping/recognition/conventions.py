@@ -15,6 +15,9 @@ from trackfg.results.summary import GeometryConventions
 if TYPE_CHECKING:
     from trackfg.maps.feature_map import MapConventions
 
+_OF_THE_TRACK = ("gauge_m", "cross_level_base_m")
+"""Conventions that the recording states; settings have the others."""
+
 _SCALE_SD_WITHOUT_WHEEL = 1e-3
 """Prior sigma of the scale of a chainage without a wheel, relative. Chosen; see Assumptions in docs/engine.md."""
 
@@ -24,7 +27,13 @@ def check_conventions(meaning: GeometryConventions, conventions: MapConventions,
     for name, expected in vars(conventions).items():
         value = getattr(meaning, name)
         if abs(value - expected) > 1e-9:
-            raise BadInputError(f"run {run}: {name} is {value:g}; expected that of the map, {expected:g}")
+            hint = f"smooth it with geometry.{name} = {expected:g} in the settings (--config)"
+            if name in _OF_THE_TRACK:
+                hint = (
+                    f"if it is the same track, set track.{name} = {expected:g} in recording.toml and smooth it again; "
+                    f"of another system's geometry, set {name} under [geometry] of the mapping and import it again"
+                )
+            raise BadInputError(f"run {run}: {name} is {value:g}; expected that of the map, {expected:g}. Hint: {hint}")
 
 
 def recognised_on_map(result: Result, grid: pd.DataFrame, map_sd_m: float | None) -> Recognition:

@@ -558,7 +558,7 @@ def test_rows_in_which_a_receiver_has_no_position_are_left_out(
 
     assert gnss is not None
     np.testing.assert_allclose(gnss["t_s"], drive.gnss_t[known])
-    np.testing.assert_allclose(gnss["east_sd_m"], 4.5)
+    np.testing.assert_allclose(gnss["east_sd_m"], 1.5 * (0.05 if found == 4 else 3.0))  # RTK
 
 
 @pytest.mark.parametrize(

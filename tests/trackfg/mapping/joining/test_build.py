@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
@@ -171,10 +172,19 @@ def test_a_run_with_one_place_of_track_is_refused(ride: Ride, rows: int) -> None
 
 def test_other_conventions_are_refused(line_map: FeatureMap, ride: Ride) -> None:
     result = ride(4).result
-    meaning = result.summary.geometry.model_copy(update={"curvature_base_m": 20.0})
-    other = replace(result, summary=result.summary.model_copy(update={"geometry": meaning}))
-    with pytest.raises(BadInputError, match="curvature_base_m is 20; expected that of the map, 10"):
-        with_runs(line_map, [other])
+    base_m = line_map.conventions.cross_level_base_m
+    refusals = {
+        "curvature_base_m": (
+            20.0,
+            "expected that of the map, 10. Hint: smooth it with geometry.curvature_base_m = 10 in",
+        ),
+        "cross_level_base_m": (1.234, f"Hint: if it is the same track, set track.cross_level_base_m = {base_m:g} in"),
+    }
+    for name, (length, expected) in refusals.items():
+        meaning = result.summary.geometry.model_copy(update={name: length})
+        other = replace(result, summary=result.summary.model_copy(update={"geometry": meaning}))
+        with pytest.raises(BadInputError, match=re.escape(expected)):
+            with_runs(line_map, [other])
 
 
 def test_gnss_places_the_line_on_the_earth(ride: Ride) -> None:

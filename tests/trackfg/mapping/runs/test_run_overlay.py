@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Callable
 from pathlib import Path
 
@@ -136,6 +137,7 @@ def test_the_command_line(tmp_path: Path) -> None:
     shown = run.invoke(app, ["overlay", a, b])
     assert shown.exit_code == 0
     assert "Repeatability: standard deviation" in shown.output
+    assert not re.search(r"-0\.0+\b", shown.output)
     alone = run.invoke(app, ["overlay", a])
     assert isinstance(alone.exception, BadInputError)
 
