@@ -50,7 +50,8 @@ def held_rows(t: Array, measured: Array, place: Array | None = None) -> np.ndarr
     run = np.cumsum(new) - 1
     measurement = np.floor((t - t[first][run] + 0.5 * step_s) / interval_s)
     again = np.append(True, measurement[1:] != measurement[:-1]) | (interval_s < _LONGER * step_s)
-    return ~new & ~(at_rest[run] & again)
+    held: np.ndarray = ~new & ~(at_rest[run] & again)
+    return held
 
 
 def _interval_s(lasts_s: Array, moving: np.ndarray, step_s: float) -> float:
