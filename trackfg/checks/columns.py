@@ -13,7 +13,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from trackfg.numerics.arrays import Array
-from trackfg.recording.description import RecordingDescription
+from trackfg.recording.description import Imu, RecordingDescription
 from trackfg.recording.findings import Finding, Level
 from trackfg.recording.model import (
     FIX_COLUMNS,
@@ -28,6 +28,8 @@ from trackfg.recording.model import (
 
 LARGEST = 1e12
 """In any unit that a column may have; times are in s here."""
+_HOUR_S = 3600.0
+"""By what clocks are set to summer time, s."""
 SMALLEST_SIGMA = 1e-9
 """No place is known to a nanometre, and no speed to one in a second. The square of its reciprocal, a weight, is far
 from any limit of a number."""
@@ -132,6 +134,8 @@ def gaps(t: Array, place: ColumnPlace, warning_s: float, error_s: float | None) 
     more = f"; {count} gaps above {limit:.3g} s" if count > 1 else ""
     message, expected = f"no rows for {gap:.4g} s before this one{more}", f"at most {limit:.3g} s"
     hint = "recover the missing rows, or cut the recording in two here" if is_error else None
+    if is_error and abs(gap - _HOUR_S) < max(1.0, 3.0 * interval):
+        hint = f"{hint}. A gap of an hour is where local times go over to summer time: import them with their time_zone"
     level: Level = "error" if is_error else "warning"
     return [replace(place, t=t).at_row(longest + 1, "gap", message, expected, hint, level)]
 
@@ -238,3 +242,11 @@ def _table_faults(file: str, table: pd.DataFrame, names: tuple[str, ...]) -> lis
         _, is_sigma, unit = name.rpartition("_sd_")
         found += unusable_sigmas(values, place, _SIGMA_UNITS[unit]) if is_sigma else []
     return found if found else not_increasing(t, ColumnPlace(file, names[0]))
+
+
+def too_fast_hint(imu: Imu) -> str:
+    """Return what to do about angular rates that no vehicle has: their unit is a smaller one than declared."""
+    if imu.gyro_unit == "rad/s":
+        return 'the data look like deg/s: set imu.gyro_unit = "deg/s"'
+    another = 'import them with imu.gyro_unit = "mdeg/s", say, or with what one count is worth'
+    return f"the data are in a smaller unit than deg/s: {another}"

@@ -14,7 +14,7 @@ import numpy as np
 import pandas as pd
 
 from trackfg.checks import diagnosis_axes
-from trackfg.checks.columns import ColumnPlace
+from trackfg.checks.columns import ColumnPlace, too_fast_hint
 from trackfg.checks.diagnosis_silence import SHORTEST_S
 from trackfg.checks.limits import CheckLimits
 from trackfg.numerics.arrays import Array
@@ -229,9 +229,9 @@ def _gyro_unit(imu: Imu, motion: Motion, limits: CheckLimits) -> list[Finding]:
     """Angular rates that no vehicle has, or that do not fit the lateral specific force."""
     columns = ", ".join(imu.gyro)
     other = "deg/s" if imu.gyro_unit == "rad/s" else "rad/s"
-    hint = f'the data look like {other}: set imu.gyro_unit = "{other}"'
+    to_other = f'the data look like {other}: set imu.gyro_unit = "{other}"'
 
-    def wrong(message: str, expected: str) -> list[Finding]:
+    def wrong(message: str, expected: str, hint: str = to_other) -> list[Finding]:
         return [Finding("error", "gyro-unit", message, file=imu.file, column=columns, expected=expected, hint=hint)]
 
     if not motion.valid.any():
@@ -241,6 +241,7 @@ def _gyro_unit(imu: Imu, motion: Motion, limits: CheckLimits) -> list[Finding]:
         return wrong(
             f"angular rates of {rate:.3g} rad/s as declared ({imu.gyro_unit}), held for half a second",
             f"at most {limits.rate_error_radps:g} rad/s",
+            too_fast_hint(imu),
         )
     if np.isnan(motion.speed).any() or np.quantile(np.abs(motion.speed), 0.99) > limits.speed_error_mps:
         return []  # a speed that no vehicle has says nothing of the gyro
@@ -249,6 +250,7 @@ def _gyro_unit(imu: Imu, motion: Motion, limits: CheckLimits) -> list[Finding]:
         return wrong(
             f"speed times yaw rate is {lateral:.3g} m/s^2 as declared ({imu.gyro_unit})",
             f"at most {limits.lateral_error_mps2:g} m/s^2",
+            too_fast_hint(imu),
         )
     balance = diagnosis_axes.lateral_balance(motion)
     if balance is None or abs(balance[1]) < max(0.7, limits.axis_correlation):

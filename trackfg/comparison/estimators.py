@@ -150,14 +150,15 @@ def _own_result(name: str, run: Run, recording: Recording) -> BaselineResult:
 def _with_own_tables(recording: Recording) -> Recording:
     """Return the recording with copies of its tables: others get what was measured, whatever becomes of these."""
     tables = {name: table.copy() for name, table in recording.tables.items()}
-    single = {name: tables.get(name) for name in ("tach", "fixes", "gnss")}
     return replace(
         recording,
         imu=tables["imu"],
+        tach=tables.get("tach"),
+        fixes=tables.get("fixes"),
+        gnss=tables.get("gnss"),
         lasers={name: table.copy() for name, table in recording.lasers.items()},
         others={name: tables[name] for name in recording.others},
         balises=None if recording.balises is None else recording.balises.copy(),
-        **single,
     )
 
 

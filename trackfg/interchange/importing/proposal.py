@@ -14,6 +14,7 @@ import tomli_w
 
 from trackfg.errors import BadInputError
 from trackfg.interchange.importing.balise_places import COLUMNS
+from trackfg.interchange.importing.columns.calendar_columns import COMPOSED, parts_of_dates
 from trackfg.interchange.importing.columns.column_meaning import first_of, kind_in
 from trackfg.interchange.importing.columns.column_names import parts_of
 from trackfg.interchange.importing.columns.receiver_state import (
@@ -307,6 +308,9 @@ def unused_columns(sections: dict[str, Any], tables: Sequence[SourceTable]) -> d
             files = section["file"] if isinstance(section["file"], list) else [section["file"]]
             for file in (*files, *([section["places"]] if "places" in section else [])):
                 used.setdefault(file, set()).update(str(value) for value in values)
+    for table in tables:
+        if COMPOSED in used.get(table.name, ()):
+            used[table.name] |= parts_of_dates(table)
     unused = {
         table.name: [
             name for name in table.columns if name not in used.get(table.name, ()) and table.frame[name].notna().any()

@@ -35,6 +35,8 @@ _DECIMAL_POINT = re.compile(r"[+-]?\d*\.\d+([eE][+-]?\d+)?$")
 _TEMPORAL = re.compile(r"\d{1,4}[-./:]\d{1,2}([-./:T ]\d{1,4}[^,;|\t]*(,\d+[^,;|\t]*)?)?$")
 """A date, a time of day or both. It has at most one comma, before decimals; other signs and words begin a new cell."""
 _WORD = re.compile(r"[^\W\d_]{3}")
+_FIRST_OF_ARRAY = "[0]"
+"""What the name of an array's first column ends in: numbers in brackets are then no units."""
 _IN_BRACKETS = re.compile(r"^(.*\S)\s*[\[(]\s*([^\[\]()]*)\s*[\])]$")
 _UNIT_WORD = re.compile(
     r"-|1|%|v|mv|hz|deg ?c|°?c|k|[hm]?pa|m?bar|u?t|a\.?u\.?|counts?|pulses?|ticks?|imp\.?|lsb|raw|rps|utc|gps|date|"
@@ -297,9 +299,10 @@ def header_of(
     names = [*names, *[""] * (width - len(names))][:width]
     stated = {i: unit.strip("[]() ") for i, unit in enumerate(units_row or [""] * width) if unit}
     named, taken = [], dict[str, int]()
+    arrays = {name.removesuffix(_FIRST_OF_ARRAY) for name in names if name.endswith(_FIRST_OF_ARRAY)}
     for i, name in enumerate(names):
         match = _IN_BRACKETS.match(name)
-        if match and i not in stated:
+        if match and i not in stated and not (match[1] in arrays and match[2].isdigit()):
             name, stated[i] = match.groups()
         name = name.strip() or f"c{i + 1}"
         taken[name] = taken.get(name, 0) + 1

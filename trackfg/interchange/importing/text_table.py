@@ -42,7 +42,7 @@ def read_text(path: Path, options: DialectOptions | None = None) -> SourceTable:
         fault = None
     except (pa.ArrowException, UnicodeError) as error:
         fault = error
-    if fault is not None or _is_summed_up(frame):
+    if fault is not None or _is_summed_up(frame) or _has_names_again(frame, dialect):
         rows, notes = _rows_of_data(path, dialect)
         if rows is not None:
             try:
@@ -91,16 +91,34 @@ def _is_summed_up(frame: pd.DataFrame) -> bool:
     return names_a_summary(str(frame.iloc[-1, 0]), str(frame.iloc[0, 0]))
 
 
-def _rows_of_data(path: Path, dialect: Dialect) -> tuple[bytes | None, tuple[str, ...]]:
-    """Return the file without remarks among and below its rows, and without rows that sum it up, on which is a note.
+def _has_names_again(frame: pd.DataFrame, dialect: Dialect) -> bool:
+    """Return whether a cell of the first column is one of those above the data, as where a logger has started anew."""
+    if frame.empty or not pd.api.types.is_string_dtype(frame.iloc[:, 0]):
+        return False
+    return bool(frame.iloc[:, 0].isin([row[0] for row in _rows_above(dialect)]).any())
 
-    None where it has neither.
+
+def _rows_above(dialect: Dialect) -> list[list[str]]:
+    """Return the rows of names and units above the data."""
+    rows = (cells(line, dialect.delimiter) for line in dialect.remarks.splitlines())
+    return [row for row in rows if len(row) == len(dialect.names)]
+
+
+def _rows_of_data(path: Path, dialect: Dialect) -> tuple[bytes | None, tuple[str, ...]]:
+    """Return the file without remarks among and below its rows, and without rows that sum it up or have the names of
+    the columns again, on which are notes.
+
+    None where it has none of them.
     """
     try:
         with path.open(encoding=dialect.encoding) as stream:
             lines = list(stream)
         above, rows = lines[: dialect.first_row - 1], lines[dialect.first_row - 1 :]
         kept = [line for line in rows if not is_remark(line.rstrip("\n"), dialect.delimiter)]
+        names, with_names = _rows_above(dialect), len(kept)
+        if _has_names(kept, names, dialect.delimiter):
+            kept = [line for line in kept if cells(line.rstrip("\n"), dialect.delimiter) not in names]
+        again = with_names - len(kept)
         summary = summary_rows(kept, dialect.delimiter)
     except (UnicodeDecodeError, csv.Error):
         return None, ()
@@ -109,12 +127,22 @@ def _rows_of_data(path: Path, dialect: Dialect) -> tuple[bytes | None, tuple[str
         return None, ()
     text = "".join((*above, *kept))
     content = _parted(text) if dialect.by_blanks else text.encode()
-    if not below:
-        return content, ()
-    beginning = printable(below[0])[:40]
-    return content, (
-        f"{path.name}: rows below the data are left out: {len(below)}, the first of which is {beginning!r}",
-    )
+    notes = []
+    if again:
+        rows_again = "1 row that has" if again == 1 else f"{again} rows that have"
+        notes.append(f"{path.name}: {rows_again} the names or units of the columns again: left out")
+    if below:
+        beginning = printable(below[0])[:40]
+        notes.append(
+            f"{path.name}: rows below the data are left out: {len(below)}, the first of which is {beginning!r}"
+        )
+    return content, tuple(notes)
+
+
+def _has_names(lines: list[str], names: list[list[str]], delimiter: str) -> bool:
+    """Return whether a line begins as one of the rows of names does: to part all lines into cells takes long."""
+    beginnings = tuple({row[0] for row in names if row[0]})
+    return bool(beginnings) and any(line.lstrip(' "\ufeff').startswith(beginnings) for line in lines)
 
 
 def _as_frame(table: pa.Table, decimal: str) -> pd.DataFrame:

@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from trackfg.checks.columns import too_fast_hint
 from trackfg.checks.limits import CheckLimits
 from trackfg.numerics.arrays import Array
 from trackfg.recording.description import Imu
@@ -66,9 +67,8 @@ class RateCheck:
         if self.beyond * BLOCK_S < LEAST_S or self.beyond < LEAST_SHARE * self.blocks:
             return None
         self.reported = True
-        other = "deg/s" if imu.gyro_unit == "rad/s" else "rad/s"
         what = f"angular rates of {self.largest:.3g} rad/s as declared ({imu.gyro_unit}), which no vehicle holds"
-        advice = f'the data look like {other}: set gyro_unit = "{other}" of the IMU, and begin anew'
+        advice = f"{too_fast_hint(imu)}, and begin anew"
         return Event(DOUBT, "imu", self.since_s, float(rows[-1, 0]), 0, f"all quantities: {what}: {advice}")
 
     def _keep_speed(self, tach: Array) -> None:

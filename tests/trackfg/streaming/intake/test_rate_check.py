@@ -38,7 +38,7 @@ def test_a_curve_in_degrees_is_named_once(
     """In deg/s a curve of R 100 at 5 m/s turns by 3, one of R 1000 at 20 m/s by 1.1."""
     (event,) = told(degrees, speed_mps, 15.0)
     assert (event.kind, event.table, event.t_s) == (DOUBT, "imu", pytest.approx(60.0, abs=0.6))
-    assert event.detail.endswith('set gyro_unit = "deg/s" of the IMU, and begin anew')
+    assert event.detail.endswith('set imu.gyro_unit = "deg/s", and begin anew')
     assert told(degrees, speed_mps, 15.0, saved_and_restored) == [event]
 
 

@@ -42,6 +42,13 @@ def with_whole_dates(table: SourceTable) -> SourceTable:
     return replace(table, frame=table.frame.assign(**{COMPOSED: ns}), units={**table.units, COMPOSED: "ns"})
 
 
+def parts_of_dates(table: SourceTable) -> set[str]:
+    """Return the columns that :data:`COMPOSED` is made of, and others that are called as such."""
+    names = [table.name_like(pattern) for pattern in (_WEEK, _TIME_OF_WEEK, _DATE, _CLOCK)]
+    names += [_column(table, part) for part in (*_PARTS, *_FRACTIONS)]
+    return {name for name in names if name is not None} if COMPOSED in table.columns else set()
+
+
 def _of_the_week(table: SourceTable) -> np.ndarray | None:
     """Return the times (n,), ns since 1970, of a week of GPS and the time in it, s or ms; None without them."""
     names = [table.name_like(pattern) for pattern in (_WEEK, _TIME_OF_WEEK)]

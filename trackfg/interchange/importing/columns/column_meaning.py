@@ -26,8 +26,9 @@ _INCREMENT = re.compile(r"^d_?(theta|vel|v(?![a-z]))|delta|incr", re.IGNORECASE)
 """What the name of an increment per sample begins with or contains."""
 _BARE = re.compile(r"(axis|achse)?[\s_]*[xyz][\s_]*(axis|achse|value|wert)?", re.IGNORECASE)
 """Names of columns that say their axis alone."""
-_WHEEL = re.compile(r"wheel|axle|\brad\b|achse")
-"""What stands beside the unit of a speed in the name of a wheel's."""
+_WHEEL = re.compile(r"wheel|axle|\brad(drehzahl|geschw\w*)?\b|achs")
+"""What stands beside the unit of a speed, or of turns, in the name of a wheel's."""
+_OF_A_WHEEL: tuple[Quantity, ...] = ("speed", "angular rate")
 _SAYS_NOTHING = re.compile(r"data|values?|log|samples|raw|output|export|sheet\d*|tabelle\d*", re.IGNORECASE)
 """Names of files that say nothing of what is in them."""
 _GRAVITY_BAND = (0.8, 1.2)
@@ -75,7 +76,8 @@ def kind_in(table: SourceTable, name: str) -> str | None:
     axis, _ = axis_and_rest(name, unit)
     if axis and kind != "free_accel" and not is_other(name) and (by_unit := _kind_by_unit(unit)):
         return by_unit
-    if kind is None and unit and _WHEEL.search(name.casefold()) and factor_of(unit, "speed") is not None:
+    turns_or_rolls = any(unit and factor_of(unit, quantity) is not None for quantity in _OF_A_WHEEL)
+    if kind is None and turns_or_rolls and _WHEEL.search(name.casefold()):
         return "speed"
     return "station" if kind is None and _holds_places(table.frame[column]) else kind
 

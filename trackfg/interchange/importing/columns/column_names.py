@@ -58,7 +58,12 @@ _INERTIAL = ("gyro", "accel", "free_accel")
 _COMPACT = {"gyro": re.compile(r"\b[gw] ?[xyz]\b"), "accel": re.compile(r"\b(gf|[abf]) ?[xyz]\b")}
 """Letters with an axis that stand for a quantity where no word does."""
 
+_INDEX = re.compile(r"\[([012])\]$")
+_VECTOR = re.compile(r"gyr|acc(?!ur)|ang(ular)?[\s_]*vel|mag")
+"""Arrays of three columns, ``gyro_rad[0]``, whose indices are the axes x, y and z."""
 _SUFFIX = re.compile(r"^(.*[^\s_])[\s_]*[\s_(\[]([^\s_()\[\]]+)[)\]]?$")
+_RATIO = re.compile(r"^(.*[^\s_])_([^\s_]+_s2?)$")
+"""A name that ends in a unit over a time, ``vel_m_s``."""
 _NO_SUFFIX = ("min", "in", "h")
 """Units that end a name for another reason: a smallest value, an input, a height."""
 
@@ -76,12 +81,15 @@ def parts_of(name: str) -> ColumnName:
 
     The axis, ``"x"``, ``"y"`` or ``"z"``, is at the end of the name, apart in it, or a word for it.
     """
-    rest, unit = _without_unit(name.strip())
-    axis, _ = _axis_and_rest(rest)
+    axis, _ = axis_and_rest(name)
+    rest, unit = _without_unit(_INDEX.sub("", name.strip()))
     return ColumnName(re.sub(r"[\s_.\-/]+", " ", rest.casefold()).strip(), axis, unit)
 
 
 def _without_unit(name: str) -> tuple[str, str]:
+    match = _RATIO.match(name)
+    if match is not None and any(factor_of(match[2], quantity) is not None for quantity in QUANTITIES):
+        return match[1], match[2]
     match = _SUFFIX.match(name)
     if match is None:
         return name, ""
@@ -113,6 +121,9 @@ def axis_and_rest(name: str, unit: str = "") -> tuple[str | None, str]:
 
     Letters p, q, r are axes where the ``unit`` is that of a rate.
     """
+    index = _INDEX.search(name.strip())
+    if index and _VECTOR.search(name.casefold()):
+        return "xyz"[int(index[1])], "".join(sorted(_INDEX.sub("", name.strip().casefold())))
     rest, in_name = _without_unit(name.strip())
     axis, letters = _axis_and_rest(rest)
     if axis is None and rest.casefold() in _BODY_RATES and factor_of(unit or in_name, "angular rate") is not None:

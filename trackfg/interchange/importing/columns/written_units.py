@@ -39,8 +39,10 @@ _TIMES = {
 _PER = r"\s?(?:/|per|_per_|_p_|p|_|\*|\.|\s|)\s?"
 """What stands between a unit and the time by which it is divided."""
 
+_TURNS_A_MINUTE = ("rpm", "1/min", "min-1", "min^-1", "u/min", "r/min", "tr/min")
+"""Turns a minute in English, German and French; one turn is 2 pi rad."""
 _NAMED: dict[Quantity, dict[str, float]] = {
-    "angular rate": {"dps": math.radians(1.0), "rpm": math.tau / 60.0},
+    "angular rate": {"dps": math.radians(1.0), **dict.fromkeys(_TURNS_A_MINUTE, math.tau / 60.0)},
     "acceleration": {
         **dict.fromkeys(("g", "gn", "g0", "gs", "g's"), STANDARD_GRAVITY),
         "gal": 1e-2,
@@ -92,7 +94,7 @@ _COUNT = re.compile(r"\s?(?:/|per)\s?(?:lsb|counts?|digits?|bits?|ticks?|increme
 def factor_of(text: str, quantity: Quantity) -> float | None:
     """Return the factor that turns values in a written unit into SI; None where it is no unit of that quantity."""
     unit = _folded(text)
-    if match := _NUMBER.fullmatch(unit):
+    if unit not in _NAMED[quantity] and (match := _NUMBER.fullmatch(unit)):
         factor = _plain_factor(match["rest"], quantity)
         return None if factor is None else float(match["number"]) * factor
     return _plain_factor(unit, quantity)

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
 
+import numpy as np
 import pandas as pd
 
 from trackfg.errors import BadInputError
@@ -62,17 +63,26 @@ def _whole(name: str) -> str:
 
 
 def _in_order(tables: list[SourceTable]) -> list[SourceTable] | None:
-    """Return the tables in the order of their times; None where one does not begin where another one ends."""
+    """Return the tables in the order of their times, without the rows with which the one before has ended.
+
+    None where one does not begin where another one ends, or with other rows than that one's last.
+    """
     try:
         times = [_times(table) for table in tables]
     except BadInputError:
         return None
     order = sorted(range(len(tables)), key=lambda i: times[i].since(None)[0])
+    parts = [tables[order[0]]]
     for before, after in pairwise(order):
-        pause = float(times[after].since(None)[0] - times[before].since(None)[-1])
-        if (times[before].ns is None) != (times[after].ns is None) or not 0.0 <= pause <= _PAUSE_S:
+        end, t = float(times[before].since(None)[-1]), times[after].since(None)
+        again = int(np.searchsorted(t, end, side="right")) if t[0] < end else 0
+        rows, part = tables[before].frame.tail(again), tables[after].frame
+        if (times[before].ns is None) != (times[after].ns is None) or t[0] - end > _PAUSE_S:
             return None
-    return [tables[i] for i in order]
+        if again and not rows.reset_index(drop=True).equals(part.head(again).reset_index(drop=True)):
+            return None
+        parts.append(replace(tables[after], frame=part.iloc[again:]))
+    return parts
 
 
 def _times(table: SourceTable) -> Times:

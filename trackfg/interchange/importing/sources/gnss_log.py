@@ -20,6 +20,7 @@ from trackfg.interchange.importing.shapes.tagged_lines import delimiter_of_tagge
 from trackfg.interchange.importing.source_format import DialectFor, SourceFormat, starts_with
 from trackfg.interchange.importing.source_table import SourceTable
 from trackfg.interchange.importing.sources.nmea import NmeaEpochs
+from trackfg.interchange.importing.sources.rtklib import SOLUTION, read_rtklib
 from trackfg.interchange.importing.times import as_ns
 
 _WITHOUT_MESSAGE_BYTES = 1_048_576
@@ -33,15 +34,17 @@ class GnssLog(SourceFormat):
     """All positions are one table ``gnss``: it goes beside the table of an IMU, since alone it is no recording."""
 
     key = "gnss"
-    title = "GNSS receiver: UBX (NAV-PVT) or NMEA (RMC, or GGA with GST, VTG, ZDA or RMC)"
+    title = "GNSS receiver: UBX (NAV-PVT) or NMEA (RMC, or GGA with GST, VTG, ZDA or RMC), or RTKLIB's .pos"
 
     def recognises(self, path: Path) -> bool:
-        """Return whether the file begins with a UBX or NMEA message, and has no lines that begin with a tag."""
+        """Return whether it begins with a UBX or NMEA message and has no tagged lines, or is a solution of RTKLIB."""
+        if path.suffix.casefold() == SOLUTION:
+            return starts_with(path, b"%")
         return starts_with(path, b"\xb5b", b"$GP", b"$GN", b"$GL", b"$GA") and delimiter_of_tagged(path) is None
 
     def tables(self, path: Path, dialect_for: DialectFor) -> Sequence[SourceTable]:
         """Read the positions, with a date from the log."""
-        return [read_gnss_log(path)]
+        return [read_positions(path)]
 
     def mapping(self, tables: Sequence[SourceTable]) -> dict[str, Any] | None:
         """Raise :class:`BadInputError`, since nothing is beside the positions."""
@@ -49,6 +52,11 @@ class GnssLog(SourceFormat):
             "a receiver's log is no recording, since inertial samples in it (ESF-RAW, ESF-MEAS) are not read; expected "
             "the log in a folder with the table of an inertial sensor"
         )
+
+
+def read_positions(path: Path) -> SourceTable:
+    """Read the positions of a receiver's log or of a solution. Raises :class:`BadInputError` without any."""
+    return read_rtklib(path) if path.suffix.casefold() == SOLUTION else read_gnss_log(path)
 
 
 def read_gnss_log(path: Path) -> SourceTable:

@@ -102,7 +102,10 @@ class RosBag(SourceFormat):
         )
 
     def mapping(self, tables: Sequence[SourceTable]) -> dict[str, Any]:
-        """Take the topic with the most messages of each kind; ROS has x forward, y left, z up (REP 103)."""
+        """Take the topic with the most messages of each kind; ROS has x forward, y left, z up (REP 103).
+
+        Where gravity contradicts that, the data and their owner say how the sensor lies.
+        """
         imu, fix, speed = (_longest(tables, columns) for columns in (_IMU_COLUMNS, _FIX_COLUMNS, _TWIST_COLUMNS[:1]))
         time = {"time": STAMP, "time_unit": "ns"}
         sections: dict[str, Any] = {}
@@ -114,8 +117,10 @@ class RosBag(SourceFormat):
                 "gyro_unit": "rad/s",
                 "accel": list(_IMU_COLUMNS[3:]),
                 "accel_unit": "m/s^2",
-                "axes": "FLU",
             }
+            force = np.array([np.nanmedian(imu.numbers(name)) for name in _IMU_COLUMNS[3:]])
+            if force[2] >= np.abs(force).max():  # else it lies in its frame as no frame of REP 103 does
+                sections["imu"]["axes"] = "FLU"
         if fix is not None:
             known = bool((fix.numbers("sd_east_m") > 0.0).all())
             position: list[Any] = list(_FIX_COLUMNS[:3])

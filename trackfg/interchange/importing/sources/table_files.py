@@ -30,15 +30,16 @@ from trackfg.interchange.importing.sources.columnar import (
     read_arrow,
     read_sqlite,
 )
-from trackfg.interchange.importing.sources.gnss_log import read_gnss_log
+from trackfg.interchange.importing.sources.gnss_log import read_gnss_log, read_positions
 from trackfg.interchange.importing.sources.records import JSON_SUFFIXES, read_records
+from trackfg.interchange.importing.sources.rtklib import SOLUTION
 from trackfg.interchange.importing.sources.spreadsheet import SPREADSHEETS, read_spreadsheet
 from trackfg.interchange.importing.text_dialect import NoRowsError, in_brackets
 from trackfg.interchange.importing.text_table import read_text
 
 TEXT_SUFFIXES = (".csv", ".txt", ".tsv", ".dat", ".asc", ".log", ".lvm", ".prn")
-GNSS_LOGS = (".ubx", ".nmea")
-"""Logs of a receiver that lie beside the tables."""
+GNSS_LOGS = (".ubx", ".nmea", SOLUTION)
+"""Logs of a receiver, and solutions of RTKLIB, that lie beside the tables."""
 _OPENERS: dict[str, Callable[..., Any]] = {".gz": gzip.open, ".bz2": bz2.open, ".xz": lzma.open}
 """Compressed files, by the suffix after that of what is in them."""
 
@@ -99,7 +100,7 @@ def _read(file: Path, suffix: str, dialect_for: DialectFor) -> list[SourceTable]
     if reader is not None:
         return [_with_units(table) for table in reader(file)]
     if suffix in GNSS_LOGS:
-        return [read_gnss_log(file)]
+        return [read_positions(file)]
     options = dialect_for(file.name)
     receiver = _among_lines(file) if has_sentences(file) else []
     delimiter = None if options is not None else delimiter_of_tagged(file)

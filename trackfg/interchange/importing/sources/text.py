@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from trackfg.files.temporary_folder import temporary_folder
@@ -13,6 +14,8 @@ from trackfg.interchange.importing.sources.table_files import GNSS_LOGS, holds_t
 
 _DEPTH = 3
 """Folders within folders in which files are looked for, if there is none outside them."""
+_MOST_NAMED = 5
+"""Files that are not read and are named."""
 _PROSE = ("readme", "liesmich", "licence", "license", "copying")
 """Beginnings of the names of text files that say something of the tables beside them."""
 
@@ -41,7 +44,19 @@ class TextFormat(SourceFormat):
             else:
                 files = [(path.name, path)]
                 return refuse_empty(read_table_files(files, folder, dialect_for, single=True), path, "table")
-            return refuse_empty(read_table_files(files, folder, dialect_for), path, "delimited text")
+            first, *others = refuse_empty(read_table_files(files, folder, dialect_for), path, "delimited text")
+            if path.is_dir() and (beside := _not_read(path, [file for _, file in files])):
+                more = f" and {len(beside) - _MOST_NAMED} more" if len(beside) > _MOST_NAMED else ""
+                note = f"not read of {path.name}: {', '.join(beside[:_MOST_NAMED])}{more}"
+                first = replace(first, notes=(*first.notes, note))
+            return [first, *others]
+
+
+def _not_read(folder: Path, files: Sequence[Path]) -> list[str]:
+    """Return the names of files beside those that are read, without hidden ones and prose."""
+    beside = {file for parent in {file.parent for file in files} for file in parent.iterdir() if file.is_file()}
+    names = (file.name for file in beside - set(files))
+    return sorted(name for name in names if not name.casefold().startswith((".", *_PROSE)))
 
 
 def _files(folder: Path) -> list[Path]:
