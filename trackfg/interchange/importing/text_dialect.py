@@ -135,7 +135,7 @@ def _guessed(path: Path, options: DialectOptions) -> Dialect:
             "delimiter, header_row and first_row under [[text]] in the mapping"
         )
     names, units = header_of(rows, first, width, options.header_row)
-    decimal = options.decimal or _decimal(rows[first:], delimiter)
+    decimal = options.decimal or _decimal(rows[first:])
     return Dialect(encoding, delimiter, decimal, first + 1, names, units, "\n".join(lines[:first]))
 
 
@@ -356,9 +356,9 @@ def _is_unit(cell: str) -> bool:
     return bool(_UNIT_WORD.fullmatch(word)) or any(factor_of(word, quantity) is not None for quantity in QUANTITIES)
 
 
-def _decimal(rows: list[list[str]], delimiter: str) -> str:
+def _decimal(rows: list[list[str]]) -> str:
     commas = points = 0
     for row in rows[:500]:
         commas += sum(bool(_DECIMAL_COMMA.match(cell)) for cell in row)
         points += sum(bool(_DECIMAL_POINT.match(cell)) for cell in row)
-    return "," if delimiter != "," and commas > points else "."
+    return "," if commas > points else "."  # with commas between cells, too, as of cells in quotation marks

@@ -144,6 +144,59 @@ def test_a_logger_that_starts_anew_writes_the_names_again(
     np.testing.assert_allclose(recording.gyro, drive.gyro)
 
 
+def _quoted(rows: list[list[object]]) -> str:
+    return "\r\n".join(",".join(f'"{cell}"' for cell in row) for row in rows)
+
+
+def test_accelerations_of_a_receiver_are_no_coordinates(drive: Drive, tmp_path: Path, imported: Import) -> None:
+    """As AiM's loggers write them, beside the inertial ones, which are named by the vehicle's axes."""
+    at = np.searchsorted(drive.gnss_t, drive.t, side="right") - 1
+    columns: dict[str, tuple[str, np.ndarray]] = {
+        "Time": ("s", drive.t),
+        "GPS Nsat": ("#", 0.0 * drive.t + 9.0),
+        "GPS LatAcc": ("g", 0.01 * np.sin(drive.t)),
+        "GPS LonAcc": ("g", 0.01 * np.cos(drive.t)),
+        "GPS Latitude": ("deg", drive.latitude[at]),
+        "GPS Longitude": ("deg", drive.longitude[at]),
+    }
+    forces, rates = ("InlineAcc", "LateralAcc", "VerticalAcc"), ("RollRate", "PitchRate", "YawRate")
+    columns |= {name: ("g", drive.accel[:, i] / 9.80665) for i, name in enumerate(forces)}
+    columns |= {name: ("deg/s", np.degrees(drive.gyro[:, i])) for i, name in enumerate(rates)}
+    rows = np.column_stack([values for _, values in columns.values()]).tolist()
+    units = [unit for unit, _ in columns.values()]
+    head = _quoted([["Format", "AiM CSV File"], ["Date", "Friday, May 1, 2026"], ["Sample Rate", "100"]])
+    text = f"{head}\r\n\r\n{_quoted([list(columns), units])}\r\n\r\n{_quoted(rows)}\r\n"
+    (tmp_path / "session.csv").write_text(text)
+
+    recording = _recording(imported(tmp_path / "session.csv"))
+
+    np.testing.assert_allclose(recording.accel, drive.accel, rtol=1e-9)
+    np.testing.assert_allclose(recording.gyro, drive.gyro, rtol=1e-9)
+    assert recording.gnss_origin is not None
+    np.testing.assert_allclose(recording.gnss_origin[:2], [46.9, 7.4], atol=1e-6)
+
+
+def test_cells_in_quotation_marks_may_have_decimal_commas_between_commas(
+    drive: Drive, tmp_path: Path, imported: Import
+) -> None:
+    table = _table(drive)
+    rows = [[str(value).replace(".", ",") for value in row] for row in table.to_numpy().tolist()]
+    (tmp_path / "log.csv").write_text(_quoted([list(table.columns), *rows]))
+    recording = _recording(imported(tmp_path / "log.csv"))
+    np.testing.assert_allclose(recording.gyro, drive.gyro, rtol=1e-12)
+
+
+@pytest.mark.parametrize(("name", "is_wheels"), [("distance_traveled (m)", False), ("wheel distance (m)", True)])
+def test_a_way_beside_positions_is_the_receiver_s_unless_its_name_says_a_wheel(
+    name: str, is_wheels: bool, drive: Drive, tmp_path: Path, imported: Import
+) -> None:
+    at = np.searchsorted(drive.gnss_t, drive.t, side="right") - 1
+    places = {"latitude": drive.latitude[at], "longitude": drive.longitude[at]}
+    way = {name: np.cumsum(drive.speed) / 100.0}
+    _table(drive).drop(columns="wheel_speed [m/s]").assign(**places, **way).to_csv(tmp_path / "log.csv", index=False)
+    assert (_recording(imported(tmp_path / "log.csv")).tach is not None) == is_wheels
+
+
 def test_turns_of_a_wheel_are_its_speed(drive: Drive, tmp_path: Path, imported: Import) -> None:
     table = _table(drive).drop(columns="wheel_speed [m/s]")
     table["Raddrehzahl [1/min]"] = drive.speed / (np.pi * 0.92) * 60.0

@@ -12,7 +12,7 @@ _AXIS = re.compile(
     r"(?<=^[AGWF])([XYZ])$|^([XYZ])(?=[A-Z][a-z])|(?<=[\u3040-\u9fff])([XYZ])$"
 )
 _NAMED_AXIS = {
-    "x": re.compile(r"roll|wank|longitudinal|\blong(?=acc|\W)|l(ä|ae)ngs"),
+    "x": re.compile(r"roll|wank|longitudinal|\blong?(?=acc)|\blong(?=\W)|l(ä|ae)ngs|in.?line"),
     "y": re.compile(r"pitch|nick|lateral|\blat(?=acc|\W)|quer"),
     "z": re.compile(r"yaw|gier|vertical|vertikal|\bvert(?=acc|\W)|hoch"),
 }
@@ -26,7 +26,7 @@ _OTHER = re.compile(
 )
 """Quantities beside a gyro and an accelerometer that have axes too, and statistics of theirs."""
 _PATTERNS = {
-    "free_accel": r"linear.?acc|user.?acc|without.?g|ohne.?g|free.?acc|lin.?acc|gravity.?free|线性加速度",
+    "free_accel": r"linear.?acc|user.?acc|without.?g|ohne.?g|free.?acc|(?<!in)lin.?acc|gravity.?free|线性加速度",
     "gyro": (
         r"gyr|\bgiro|omega|ang(ular)?[\s_]*(vel|rate|speed)|vitesse.(ang|de.rot)|veloc\w*.ang|drehrate|rot(ation)?.?rate|"
         r"turn.?rate|^rate\b|\brates?$|(roll|pitch|yaw).?(rate|vel)|(wank|nick|gier).?(rate|geschw)|dtheta|"
@@ -43,8 +43,10 @@ _PATTERNS = {
     "station": (
         r"chain|kilom|station(?!ary|.?(id|name|code|no|nr))|^km\b|^[pm][kp]$|^kp$|^miles?$|post|position_km|里程"
     ),
-    "latitude": r"^lat|latitude|breite|緯度|纬度|(?<=gps )lat|(?<=gnss )lat",
-    "longitude": r"^lon(?!g.?acc)|^lng|longitude|länge|laenge|経度|经度|(?<=gps )lon|(?<=gnss )lon",
+    "latitude": r"^lat|latitude|breite|緯度|纬度|(?<=gps )lat(?!.?acc)|(?<=gnss )lat(?!.?acc)",
+    "longitude": (
+        r"^lon(?!g.?acc)|^lng|longitude|länge|laenge|経度|经度|(?<=gps )lon(?!g?.?acc)|(?<=gnss )lon(?!g?.?acc)"
+    ),
     "height": r"^alt|altitude|height|höhe|hoehe|^h$|ellh|(?<=gps )alt|(?<=gnss )alt",
     "sd_horizontal": r"h(or\w*)?[ _]?acc|horizontal.?accuracy|^((gps|gnss|location)[ _])?accuracy|sd[ _]?[neh]\b",
     "sd_vertical": r"v(er\w*)?[ _]?acc\b|vertical.?accuracy|altitude.?accuracy|sd[ _]?[uv]\b",

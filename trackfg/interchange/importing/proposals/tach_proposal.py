@@ -36,7 +36,7 @@ def propose_tach(proposal: Proposal, tables: Sequence[SourceTable], ask: Ask) ->
         for table in tables:
             names = [name for name in table.columns if kind_in(table, name) == kind and _is_scalar(table, name)]
             name = next((name for name in names if _WHEEL.search(name.casefold())), next(iter(names), None))
-            if name is None or (kind == "speed" and not _is_wheels(table, name, imu, ask)):
+            if name is None or (kind != "count" and not _is_wheels(table, name, imu, ask)):
                 continue
             section: dict[str, Any] = {"file": table.name, **proposal.times_of(table, ask), "column": name}
             if kind == "count":
@@ -119,7 +119,7 @@ def _speed(proposal: Proposal, table: SourceTable, name: str, ask: Ask) -> dict[
 
 
 def _is_wheels(table: SourceTable, name: str, imu: str | list[str], ask: Ask) -> bool:
-    """Return whether a speed is a wheel's and not the receiver's, which has latitudes beside it.
+    """Return whether a speed or a distance is a wheel's and not the receiver's, which has latitudes beside it.
 
     Where a table has inertial samples too, and the name does not say which it is, the user is asked.
     """
