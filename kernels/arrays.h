@@ -91,6 +91,7 @@ PyObject *covariances(PyObject *, PyObject *arguments);
 PyObject *preintegrate(PyObject *, PyObject *arguments);
 PyObject *inertial_factors(PyObject *, PyObject *arguments);
 PyObject *predict(PyObject *, PyObject *arguments);
+PyObject *predict_interval(PyObject *, PyObject *arguments);
 PyObject *noise_floor(PyObject *, PyObject *arguments);
 PyObject *white_noise(PyObject *, PyObject *arguments);
 PyObject *interpolate_columns(PyObject *, PyObject *arguments);

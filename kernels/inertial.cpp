@@ -11,6 +11,7 @@
 
 #include "arrays.h"
 #include "rotations.h"
+#include "samples.h"
 
 namespace {
 
@@ -231,6 +232,43 @@ void factor(const Delta &delta, const State &start, const State &end, const doub
 
 }  // namespace
 
+bool preintegrated(const double *frame, const double *bias, const double *noise, std::ptrdiff_t m, const Increment &first,
+                   double *out) {
+    Delta &delta = *reinterpret_cast<Delta *>(out);
+    std::memcpy(delta.frame.rate, frame + 1, sizeof delta.frame.rate);
+    std::memcpy(delta.bias, bias, sizeof delta.bias);
+    delta.duration = 0.0;
+    Moments moments;
+    const Vector of_accelerometer = vector(bias), of_gyro = vector(bias + 3);
+    for (std::ptrdiff_t k = 0; k < m; ++k) {
+        const double h = first.duration[k];
+        moments.add(h, (1 / h) * vector(first.rotation + 3 * k) - of_gyro,
+                    (1 / h) * vector(first.velocity + 3 * k) - of_accelerometer, noise);
+        delta.duration += h;
+    }
+    delta.frame.over(delta.duration, frame[0]);
+    for (int i = 0; i < 3; ++i) {
+        delta.tangent[i] = moments.rotation[i];
+        delta.tangent[3 + i] = moments.position[i];
+        delta.tangent[6 + i] = moments.velocity[i];
+    }
+    std::memcpy(delta.by_bias, moments.by_bias, sizeof delta.by_bias);
+    moments.to_residual(vector(delta.frame.rate));
+    return moments.write_root(delta.root);
+}
+
+void predicted_state(const double *delta, const double *R, const double *p, const double *v, const double *bias, double *end) {
+    const Prediction predicted(*reinterpret_cast<const Delta *>(delta), {matrix(R), vector(p), vector(v)}, bias);
+    std::memcpy(end, predicted.end.R.x, sizeof predicted.end.R.x);
+    std::memcpy(end + 9, predicted.end.p.x, sizeof predicted.end.p.x);
+    std::memcpy(end + 12, predicted.end.v.x, sizeof predicted.end.v.x);
+}
+
+PyObject *not_positive_definite() {
+    PyErr_SetString(PyExc_ValueError, "the covariance of a preintegrated measurement is not positive definite");
+    return nullptr;
+}
+
 // preintegrate(frame, bias, noise, duration, rotation, velocity, delta): over the increments of an interval, as
 // trackfg.factors.imu.Preintegration has them. frame (4,): gravity and the frame's rate; noise (7,): densities of gyro,
 // accelerometer and position, squared; delta (SIZE,) takes the result.
@@ -245,30 +283,9 @@ PyObject *preintegrate(PyObject *, PyObject *arguments) {
     if (frame.size(0) != 4 || bias.size(0) != 6 || noise.size(0) != 7 || out.size(0) != SIZE ||
         rotation.size(0) != m || velocity.size(0) != m || rotation.size(1) != 3 || velocity.size(1) != 3)
         return refused("increments");
-    Delta &delta = *reinterpret_cast<Delta *>(out.data());
-    std::memcpy(delta.frame.rate, frame.data() + 1, sizeof delta.frame.rate);
-    std::memcpy(delta.bias, bias.data(), sizeof delta.bias);
-    delta.duration = 0.0;
-    Moments moments;
-    const Vector of_accelerometer = vector(bias.data()), of_gyro = vector(bias.data() + 3);
-    for (std::ptrdiff_t k = 0; k < m; ++k) {
-        const double h = duration.data()[k];
-        moments.add(h, (1 / h) * vector(rotation.data() + 3 * k) - of_gyro,
-                    (1 / h) * vector(velocity.data() + 3 * k) - of_accelerometer, noise.data());
-        delta.duration += h;
-    }
-    delta.frame.over(delta.duration, frame.data()[0]);
-    for (int i = 0; i < 3; ++i) {
-        delta.tangent[i] = moments.rotation[i];
-        delta.tangent[3 + i] = moments.position[i];
-        delta.tangent[6 + i] = moments.velocity[i];
-    }
-    std::memcpy(delta.by_bias, moments.by_bias, sizeof delta.by_bias);
-    moments.to_residual(vector(delta.frame.rate));
-    if (!moments.write_root(delta.root)) {
-        PyErr_SetString(PyExc_ValueError, "the covariance of a preintegrated measurement is not positive definite");
-        return nullptr;
-    }
+    if (!preintegrated(frame.data(), bias.data(), noise.data(), m, {duration.data(), rotation.data(), velocity.data()},
+                       out.data()))
+        return not_positive_definite();
     Py_RETURN_NONE;
 }
 
@@ -303,11 +320,7 @@ PyObject *predict(PyObject *, PyObject *arguments) {
     if (delta.size(0) != SIZE || R.total() != 9 || p.size(0) != 3 || v.size(0) != 3 || bias.size(0) != 6 ||
         end.size(0) != 15)
         return refused("a state");
-    const State start = {matrix(R.data()), vector(p.data()), vector(v.data())};
-    const Prediction predicted(*reinterpret_cast<const Delta *>(delta.data()), start, bias.data());
-    std::memcpy(end.data(), predicted.end.R.x, sizeof predicted.end.R.x);
-    std::memcpy(end.data() + 9, predicted.end.p.x, sizeof predicted.end.p.x);
-    std::memcpy(end.data() + 12, predicted.end.v.x, sizeof predicted.end.v.x);
+    predicted_state(delta.data(), R.data(), p.data(), v.data(), bias.data(), end.data());
     Py_RETURN_NONE;
 }
 

@@ -10,6 +10,7 @@ static PyMethodDef methods[] = {
     {"preintegrate", preintegrate, METH_VARARGS, "Preintegrate the increments of an interval."},
     {"inertial_factors", inertial_factors, METH_VARARGS, "Linearise inertial factors, or compute their residuals."},
     {"predict", predict, METH_VARARGS, "Predict the state after an interval."},
+    {"predict_interval", predict_interval, METH_VARARGS, "Predict the next interval of a stream."},
     {"noise_floor", noise_floor, METH_VARARGS, "Look for the white noise of inertial samples."},
     {"white_noise", white_noise, METH_VARARGS, "Add up the white noise between times."},
     {"interpolate_columns", interpolate_columns, METH_VARARGS, "Interpolate the columns of a table."},
@@ -35,7 +36,7 @@ static PyModuleDef definition = {
 PyMODINIT_FUNC PyInit_compiled() {
     PyObject *module = PyModule_Create(&definition);
     // Raised by one whenever a function's arguments change, so that a build of older sources is not called.
-    if (module != nullptr && (PyModule_AddIntConstant(module, "REVISION", 11) != 0 ||
+    if (module != nullptr && (PyModule_AddIntConstant(module, "REVISION", 12) != 0 ||
                               PyModule_AddIntConstant(module, "DELTA_SIZE", DELTA_SIZE) != 0)) {
         Py_DECREF(module);
         return nullptr;

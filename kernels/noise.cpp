@@ -8,17 +8,19 @@
 #include <vector>
 
 #include "arrays.h"
+#include "samples.h"
 
 namespace {
 
 constexpr int CHANNELS = 6, AXES = 3, BANDS = 3, NEIGHBOURS = 5;
-constexpr int SHORTEST = 2 << BANDS;  // two values of a spectrum in the lowest band
+static_assert(SHORTEST_BLOCK == 2 << BANDS);
+constexpr double FARTHEST = 1e100;
 
 // In the order of _LIMITS in imu_noise.py, which says what they are.
 struct Limits {
     double scatter, euler, same, longer, extremes, fine_steps, near_extreme, shock_spread, pause_s, shock_s, shock_limit;
 };
-constexpr int LIMITS = sizeof(Limits) / sizeof(double);
+static_assert(NOISE_LIMITS == sizeof(Limits) / sizeof(double));
 
 // As numpy has it: the mean of the middle two of an even number, and no number of those that are not all numbers.
 double median(std::vector<double> &values) {
@@ -49,6 +51,7 @@ class Spectrum {
         }
     }
 
+    std::ptrdiff_t length() const { return length_; }
     double window_power() const { return power_; }
 
     // Write the mean log of the power in each band, (CHANNELS, BANDS), of the samples of a block, (length, CHANNELS).
@@ -57,8 +60,17 @@ class Spectrum {
         for (int band = 0; band < BANDS; ++band) {
             const std::ptrdiff_t begin = half_ >> (BANDS - band), end = 2 * begin;
             double sums[CHANNELS] = {};
-            for (std::ptrdiff_t k = begin; k < end; ++k)
-                for (int c = 0; c < CHANNELS; ++c) sums[c] += std::log(std::max(power_at(k, c), DBL_MIN));
+            for (int c = 0; c < CHANNELS; ++c) {
+                // A logarithm of many values' product, as long as that is far from the ends of the range.
+                double product = 1.0;
+                for (std::ptrdiff_t k = begin; k < end; ++k) {
+                    const double power = std::max(power_at(k, c), DBL_MIN);
+                    if (product * power > FARTHEST || product * power < 1.0 / FARTHEST)
+                        sums[c] += std::log(product), product = 1.0;
+                    product *= power;
+                }
+                sums[c] += std::log(product);
+            }
             for (int c = 0; c < CHANNELS; ++c) out[c * BANDS + band] = sums[c] / static_cast<double>(end - begin);
         }
     }
@@ -111,10 +123,10 @@ class Spectrum {
 // A record in blocks of `length` samples: block j begins at sample starts[j]; `dt` is its sampling interval, s.
 class Record {
   public:
-    Record(const Doubles &edges, const Doubles &gyro, const Doubles &accel, const Flags &bridged, const Integers &starts,
-           std::ptrdiff_t length, double dt, const Limits &limits)
-        : edges_(edges.data()), gyro_(gyro.data()), accel_(accel.data()), bridged_(bridged.data()),
-          starts_(starts.data()), count_(gyro.size(0)), blocks_(starts.size(0)), length_(length), dt_(dt), limits_(limits) {
+    Record(const Samples &samples, const std::int64_t *starts, std::ptrdiff_t blocks, std::ptrdiff_t length, double dt,
+           const Limits &limits)
+        : edges_(samples.edges), gyro_(samples.gyro), accel_(samples.accel), bridged_(samples.bridged), starts_(starts),
+          count_(samples.count), blocks_(blocks), length_(length), dt_(dt), limits_(limits) {
         for (int c = 0; c < CHANNELS; ++c) {
             step_[c] = HUGE_VAL;
             for (std::ptrdiff_t i = 1; i < count_; ++i) {
@@ -127,7 +139,8 @@ class Record {
 
     // Densities squared of the floor, or of rounding where that is more, (blocks, CHANNELS).
     void floor(double *seen) const {
-        Spectrum spectrum(length_);
+        thread_local Spectrum spectrum(length_);
+        if (spectrum.length() != length_) spectrum = Spectrum(length_);
         std::vector<double> logs(blocks_ * CHANNELS * BANDS), block(length_ * CHANNELS);
         for (std::ptrdiff_t j = 0; j < blocks_; ++j) {
             for (std::ptrdiff_t i = 0; i < length_; ++i)
@@ -325,7 +338,73 @@ class Record {
     double step_[CHANNELS];
 };
 
+Limits limits_of(const double *given) {
+    return {given[0], given[1], given[2], given[3], given[4], given[5], given[6], given[7], given[8], given[9], given[10]};
+}
+
+// Blocks of a floor: when they begin and end, knots (blocks + 1), and their densities squared (blocks, CHANNELS).
+struct Floor {
+    const double *knots, *seen;
+    std::ptrdiff_t blocks;
+};
+// Changes (count, CHANNELS) at times, in order, that count as noise.
+struct Changes {
+    const double *t, *change;
+    std::ptrdiff_t count;
+};
+
+// The density squared between two times, as NoiseFloor.between has it.
+void add_up(double begin, double end, const Floor &floor, const double *declared, double clearly,
+            const Changes (&changes)[2], double *out) {
+    std::fill_n(out, CHANNELS, 0.0);
+    const double *knot = floor.knots;
+    for (std::ptrdiff_t b = std::max<std::ptrdiff_t>(std::upper_bound(knot, knot + floor.blocks, begin) - knot - 1, 0);
+         b < floor.blocks && knot[b] < end; ++b) {
+        const double part = std::max(std::min(end, knot[b + 1]) - std::max(begin, knot[b]), 0.0);
+        for (int i = 0; i < CHANNELS; ++i) {
+            const double own = floor.seen[b * CHANNELS + i], least = declared[i];
+            out[i] += (own > clearly * least ? own : least) * part;
+        }
+    }
+    for (const Changes &kind : changes) {
+        double sum[CHANNELS] = {};
+        const double *first = kind.t, *last = first + kind.count;
+        for (std::ptrdiff_t j = std::lower_bound(first, last, begin) - first; j < kind.count && first[j] < end; ++j)
+            for (int i = 0; i < CHANNELS; ++i) sum[i] += kind.change[j * CHANNELS + i];
+        for (int i = 0; i < CHANNELS; ++i) out[i] += sum[i] * sum[i];
+    }
+    for (int i = 0; i < CHANNELS; ++i) out[i] /= end - begin;
+}
+
 }  // namespace
+
+void noise_between(const Samples &samples, std::ptrdiff_t length, double dt, const NoiseRule &rule, double begin, double end,
+                   double *variance) {
+    const std::ptrdiff_t count = samples.count;
+    const double *t = samples.edges;
+    std::vector<double> seen(CHANNELS), knots = {t[0], t[count]}, lost, shock, lost_t, shock_t;
+    if (length > 0) {
+        std::vector<std::int64_t> starts, lost_rows(count), shock_rows(count);
+        for (std::ptrdiff_t at = 0; at < count - length; at += length / 2) starts.push_back(at);
+        starts.push_back(count - length);
+        const auto blocks = static_cast<std::ptrdiff_t>(starts.size());
+        seen.resize(blocks * CHANNELS), knots.resize(blocks + 1), knots[blocks] = t[count];
+        const auto centre = [&](std::ptrdiff_t j) { return 0.5 * (t[starts[j]] + t[starts[j] + length]); };
+        for (std::ptrdiff_t j = 1; j < blocks; ++j) knots[j] = 0.5 * (centre(j) + centre(j - 1));
+        lost.resize(count * CHANNELS), shock.resize(count * CHANNELS);
+        const Record record(samples, starts.data(), blocks, length, dt, limits_of(rule.limits));
+        record.floor(seen.data());
+        lost_t.resize(record.hidden(lost_rows.data(), lost.data()));
+        shock_t.resize(record.shocks(shock_rows.data(), shock.data()));
+        for (std::size_t j = 0; j < lost_t.size(); ++j) lost_t[j] = t[lost_rows[j]];
+        for (std::size_t j = 0; j < shock_t.size(); ++j) shock_t[j] = 0.5 * (t[shock_rows[j]] + t[shock_rows[j] + 1]);
+    }
+    for (std::size_t i = 0; i < seen.size(); ++i) seen[i] += rule.excess[i % CHANNELS];
+    const Floor floor = {knots.data(), seen.data(), static_cast<std::ptrdiff_t>(knots.size()) - 1};
+    const Changes changes[2] = {{lost_t.data(), lost.data(), static_cast<std::ptrdiff_t>(lost_t.size())},
+                                {shock_t.data(), shock.data(), static_cast<std::ptrdiff_t>(shock_t.size())}};
+    add_up(begin, end, floor, rule.declared, rule.clearly, changes, variance);
+}
 
 // noise_floor(edges (n + 1), gyro (n, 3), accel (n, 3), bridged (n), starts (b), length, dt, limits, seen (b, 6),
 // lost_rows (n), lost (n, 6), shock_rows (n), shock (n, 6)) -> (rows of lost, rows of shock)
@@ -347,21 +426,19 @@ PyObject *noise_floor(PyObject *, PyObject *arguments) {
     if (!lost_rows.ok() || !shock_rows.ok()) return nullptr;
     const std::ptrdiff_t count = bridged.size(0), blocks = starts.size(0);
     if (edges.size(0) != count + 1 || gyro.size(0) != count || accel.size(0) != count || gyro.size(1) != AXES ||
-        accel.size(1) != AXES || limits.size(0) != LIMITS)
+        accel.size(1) != AXES || limits.size(0) != NOISE_LIMITS)
         return refused("samples");
     if (seen.size(0) != blocks || seen.size(1) != CHANNELS || lost_rows.size(0) != count || lost.size(0) != count ||
         lost.size(1) != CHANNELS || shock_rows.size(0) != count || shock.size(0) != count || shock.size(1) != CHANNELS)
         return refused("results");
-    if (length < SHORTEST || length > count || (length & (length - 1)) != 0 || blocks < 1 || !(dt > 0.0))
+    if (length < SHORTEST_BLOCK || length > count || (length & (length - 1)) != 0 || blocks < 1 || !(dt > 0.0))
         return refused("blocks");
     for (std::ptrdiff_t j = 0; j < blocks; ++j)
         if (starts.data()[j] < 0 || starts.data()[j] > count - length) return refused("blocks");
-    const double *in_order = limits.data();
-    const Limits given{in_order[0], in_order[1], in_order[2], in_order[3], in_order[4], in_order[5],
-                       in_order[6], in_order[7], in_order[8], in_order[9], in_order[10]};
     std::ptrdiff_t hides, shows;
     Py_BEGIN_ALLOW_THREADS;
-    const Record record(edges, gyro, accel, bridged, starts, length, dt, given);
+    const Record record({edges.data(), gyro.data(), accel.data(), bridged.data(), count}, starts.data(), blocks, length, dt,
+                        limits_of(limits.data()));
     record.floor(seen.data());
     hides = record.hidden(lost_rows.data(), lost.data());
     shows = record.shocks(shock_rows.data(), shock.data());
@@ -387,27 +464,11 @@ PyObject *white_noise(PyObject *, PyObject *arguments) {
         return refused("blocks");
     for (int i = 0; i < 2; ++i)
         if (event_t[i].size(0) != events[i].size(0) || events[i].size(1) != CHANNELS) return refused("events");
-    const double *t = times.data(), *knot = knots.data();
-    for (std::ptrdiff_t k = 0; k < intervals; ++k) {
-        const double span = t[k + 1] - t[k];
-        double *out = variance.data() + k * CHANNELS;
-        std::fill_n(out, CHANNELS, 0.0);
-        for (std::ptrdiff_t b = std::max<std::ptrdiff_t>(std::upper_bound(knot, knot + blocks, t[k]) - knot - 1, 0);
-             b < blocks && knot[b] < t[k + 1]; ++b) {
-            const double part = std::max(std::min(t[k + 1], knot[b + 1]) - std::max(t[k], knot[b]), 0.0);
-            for (int i = 0; i < CHANNELS; ++i) {
-                const double own = seen.data()[b * CHANNELS + i], least = declared.data()[i];
-                out[i] += (own > clearly * least ? own : least) * part;
-            }
-        }
-        for (int kind = 0; kind < 2; ++kind) {
-            double sum[CHANNELS] = {};
-            const double *first = event_t[kind].data(), *last = first + event_t[kind].size(0);
-            for (std::ptrdiff_t j = std::lower_bound(first, last, t[k]) - first; first + j < last && first[j] < t[k + 1]; ++j)
-                for (int i = 0; i < CHANNELS; ++i) sum[i] += events[kind].data()[j * CHANNELS + i];
-            for (int i = 0; i < CHANNELS; ++i) out[i] += sum[i] * sum[i];
-        }
-        for (int i = 0; i < CHANNELS; ++i) out[i] /= span;
-    }
+    const Floor floor = {knots.data(), seen.data(), blocks};
+    const Changes changes[2] = {{event_t[0].data(), events[0].data(), event_t[0].size(0)},
+                                {event_t[1].data(), events[1].data(), event_t[1].size(0)}};
+    for (std::ptrdiff_t k = 0; k < intervals; ++k)
+        add_up(times.data()[k], times.data()[k + 1], floor, declared.data(), clearly, changes,
+               variance.data() + k * CHANNELS);
     Py_RETURN_NONE;
 }

@@ -4,6 +4,7 @@
 
 #include "arrays.h"
 #include "rotations.h"
+#include "samples.h"
 
 namespace {
 
@@ -48,6 +49,56 @@ Vector mean_turn(const Matrix &R) {
 
 }  // namespace
 
+void compress_group(const Samples &samples, std::ptrdiff_t begin, std::ptrdiff_t end, const Vector &bias,
+                    const Increment &increment) {
+    const double *t = samples.edges;
+    Matrix turned = IDENTITY;
+    Vector sum = {{0.0, 0.0, 0.0}};
+    for (std::ptrdiff_t i = begin; i < end; ++i) {
+        const double h = t[i + 1] - t[i];
+        const Vector turn = difference_times(samples.gyro + 3 * i, bias, h), force = h * vector(samples.accel + 3 * i);
+        const Vector change = force + 0.5 * cross(turn, force);
+        sum = sum + (i == begin ? change : turned * change);
+        if (end - begin > 1) turned = turned * Rotation(turn).exponential();
+    }
+    *increment.duration = t[end] - t[begin];
+    const Vector own = end - begin == 1 ? (t[end] - t[begin]) * vector(samples.gyro + 3 * begin)
+                                        : logarithm(turned) + (t[end] - t[begin]) * bias;
+    write(increment.rotation, own);
+    write(increment.velocity, sum);
+}
+
+void follow_turn(const Samples &samples, std::ptrdiff_t begin, std::ptrdiff_t end, const Vector &bias,
+                 const double *distance, double at_rest, const Turned &turning) {
+    const double *t = samples.edges;
+    const double span = t[end] - t[begin], length = distance[end] - distance[begin];
+    const bool moves = std::abs(length) > at_rest;
+    Matrix turned = IDENTITY, by_way = 0.0 * IDENTITY, by_time = 0.0 * IDENTITY;
+    double before = 0.0;  // half the share of the sample before: the trapezoid rule
+    for (std::ptrdiff_t i = begin; i < end; ++i) {
+        const double h = t[i + 1] - t[i];
+        const double half = 0.5 * (moves ? (distance[i + 1] - distance[i]) / length : h / span);
+        const Matrix weighted = (before + half) * turned;
+        by_way = by_way + weighted;
+        by_time = by_time + ((t[i] - t[begin]) / span) * weighted;
+        turned = turned * Rotation(difference_times(samples.gyro + 3 * i, bias, h)).exponential();
+        before = half;
+    }
+    const Matrix last = before * turned;
+    write(turning.turn, turned);
+    write(turning.mean, by_way + last);
+    write(turning.mean_by_time, by_time + last);
+}
+
+void mean_around(double time, double width, const double *t, const double *values, std::ptrdiff_t n, double *mean) {
+    const auto within = [&](double at) { return std::min(std::max(at, t[0]), t[n]); };
+    const double begin = within(time - 0.5 * width), end = within(time + 0.5 * width);
+    Vector sum = {{0.0, 0.0, 0.0}};
+    for (std::ptrdiff_t i = std::max<std::ptrdiff_t>(std::upper_bound(t, t + n, begin) - t - 1, 0); i < n && t[i] < end; ++i)
+        sum = sum + (std::min(t[i + 1], end) - std::max(t[i], begin)) * vector(values + 3 * i);
+    for (int axis = 0; axis < 3; ++axis) mean[axis] = sum[axis] / (end - begin);
+}
+
 // compress(edges (n + 1), gyro (n, 3), accel (n, 3), starts (m + 1), bias (3), duration (m), rotation (m, 3),
 // velocity (m, 3)): the increments of groups of samples.
 PyObject *compress(PyObject *, PyObject *arguments) {
@@ -68,25 +119,11 @@ PyObject *compress(PyObject *, PyObject *arguments) {
         rotation.size(1) != 3 || velocity.size(1) != 3 || !in_order(starts, n))
         return refused("groups of samples");
     const Vector bias = vector(gyro_bias.data());
-    const double *t = edges.data();
+    const Samples samples = {edges.data(), gyro.data(), accel.data(), nullptr, n};
     Py_BEGIN_ALLOW_THREADS;
-    for (std::ptrdiff_t g = 0; g < groups; ++g) {
-        const std::int64_t begin = starts.data()[g], end = starts.data()[g + 1];
-        Matrix turned = IDENTITY;
-        Vector sum = {{0.0, 0.0, 0.0}};
-        for (std::int64_t i = begin; i < end; ++i) {
-            const double h = t[i + 1] - t[i];
-            const Vector turn = difference_times(gyro.data() + 3 * i, bias, h), force = h * vector(accel.data() + 3 * i);
-            const Vector change = force + 0.5 * cross(turn, force);
-            sum = sum + (i == begin ? change : turned * change);
-            if (end - begin > 1) turned = turned * Rotation(turn).exponential();
-        }
-        duration.data()[g] = t[end] - t[begin];
-        const Vector own = end - begin == 1 ? (t[end] - t[begin]) * vector(gyro.data() + 3 * begin)
-                                            : logarithm(turned) + (t[end] - t[begin]) * bias;
-        write(rotation.data() + 3 * g, own);
-        write(velocity.data() + 3 * g, sum);
-    }
+    for (std::ptrdiff_t g = 0; g < groups; ++g)
+        compress_group(samples, starts.data()[g], starts.data()[g + 1], bias,
+                       {duration.data() + g, rotation.data() + 3 * g, velocity.data() + 3 * g});
     Py_END_ALLOW_THREADS;
     Py_RETURN_NONE;
 }
@@ -114,28 +151,11 @@ PyObject *turning(PyObject *, PyObject *arguments) {
         mean_by_time.size(2) != 3 || !in_order(keyframes, n))
         return refused("intervals");
     const Vector bias = vector(gyro_bias.data());
-    const double *t = edges.data(), *gone = distance.data();
+    const Samples samples = {edges.data(), gyro.data(), nullptr, nullptr, n};
     Py_BEGIN_ALLOW_THREADS;
-    for (std::ptrdiff_t k = 0; k < intervals; ++k) {
-        const std::int64_t begin = keyframes.data()[k], end = keyframes.data()[k + 1];
-        const double span = t[end] - t[begin], length = gone[end] - gone[begin];
-        const bool moves = std::abs(length) > at_rest;
-        Matrix turned = IDENTITY, by_way = 0.0 * IDENTITY, by_time = 0.0 * IDENTITY;
-        double before = 0.0;  // half the share of the sample before: the trapezoid rule
-        for (std::int64_t i = begin; i < end; ++i) {
-            const double h = t[i + 1] - t[i];
-            const double half = 0.5 * (moves ? (gone[i + 1] - gone[i]) / length : h / span);
-            const Matrix weighted = (before + half) * turned;
-            by_way = by_way + weighted;
-            by_time = by_time + ((t[i] - t[begin]) / span) * weighted;
-            turned = turned * Rotation(difference_times(gyro.data() + 3 * i, bias, h)).exponential();
-            before = half;
-        }
-        const Matrix last = before * turned;
-        write(turn.data() + 9 * k, turned);
-        write(mean.data() + 9 * k, by_way + last);
-        write(mean_by_time.data() + 9 * k, by_time + last);
-    }
+    for (std::ptrdiff_t k = 0; k < intervals; ++k)
+        follow_turn(samples, keyframes.data()[k], keyframes.data()[k + 1], bias, distance.data(), at_rest,
+                    {turn.data() + 9 * k, mean.data() + 9 * k, mean_by_time.data() + 9 * k});
     Py_END_ALLOW_THREADS;
     Py_RETURN_NONE;
 }
@@ -172,17 +192,9 @@ PyObject *means_around(PyObject *, PyObject *arguments) {
     const std::ptrdiff_t n = samples.size(0), m = times.size(0);
     if (n < 1 || edges.size(0) != n + 1 || samples.size(1) != 3) return refused("samples");
     if (means.size(0) != m || means.size(1) != 3) return refused("times");
-    const double *t = edges.data();
     Py_BEGIN_ALLOW_THREADS;
-    for (std::ptrdiff_t k = 0; k < m; ++k) {
-        const auto within = [&](double time) { return std::min(std::max(time, t[0]), t[n]); };
-        const double begin = within(times.data()[k] - 0.5 * width), end = within(times.data()[k] + 0.5 * width);
-        Vector sum = {{0.0, 0.0, 0.0}};
-        for (std::ptrdiff_t i = std::max<std::ptrdiff_t>(std::upper_bound(t, t + n, begin) - t - 1, 0);
-             i < n && t[i] < end; ++i)
-            sum = sum + (std::min(t[i + 1], end) - std::max(t[i], begin)) * vector(samples.data() + 3 * i);
-        for (int axis = 0; axis < 3; ++axis) means.data()[3 * k + axis] = sum[axis] / (end - begin);
-    }
+    for (std::ptrdiff_t k = 0; k < m; ++k)
+        mean_around(times.data()[k], width, edges.data(), samples.data(), n, means.data() + 3 * k);
     Py_END_ALLOW_THREADS;
     Py_RETURN_NONE;
 }

@@ -786,8 +786,12 @@ _STREAMING = (
                 "nav.p + further * forward",
                 "nav.p - further * forward",
             ),
-            _one("backwards counts as forwards", "chord[0] @ forward))", "abs(chord[0] @ forward)))"),
         ),
+    ),
+    Part(
+        "trackfg/streaming/window/predicted_motion.py",
+        (_WINDOW_TEST,),
+        (_one("backwards counts as forwards", "chord[0] @ forward))", "abs(chord[0] @ forward)))"),),
     ),
     Part(
         "trackfg/streaming/window/gnss_record.py",

@@ -13,7 +13,6 @@ from trackfg.factors.family import Family
 from trackfg.factors.gnss import ReceiverSpeeds, gnss_speed
 from trackfg.factors.loss import Huber
 from trackfg.graph.inputs import GraphInputs
-from trackfg.graph.motion import angular_rates
 from trackfg.numerics.spans import nearest
 from trackfg.recording.model import GNSS_SPEED_COLUMNS, GNSS_SPEED_TABLE
 from trackfg.sensors.imu_intervals import means_between
@@ -47,7 +46,7 @@ def gnss_speeds(inputs: GraphInputs, variable: int) -> Family:
     index = nearest(t, stamps)
     begin, end = np.minimum(t[index], stamps) - _FORCE_S, np.maximum(t[index], stamps) + _FORCE_S
     force = means_between(begin, end, inputs.data.edges, inputs.data.accel)
-    measured = ReceiverSpeeds(speed, stamps - t[index], angular_rates(inputs)[index], force, sd)
+    measured = ReceiverSpeeds(speed, stamps - t[index], inputs.body_rate[index], force, sd)
     antenna = np.zeros(3) if description is None else np.array(description.lever_arm_m)
     loss = Huber(config.gnss_width) if config.robust else None
     return gnss_speed(index, variable, measured, antenna - inputs.lever_arm, sd, loss)

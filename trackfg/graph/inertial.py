@@ -18,7 +18,7 @@ from trackfg.numerics.rotations import so3_exp, so3_log
 from trackfg.recording.description import ImuNoise
 from trackfg.sensors.imu_intervals import compress, increment_starts
 
-_INCREMENT_S = 0.02
+INCREMENT_S = 0.02
 """What GTSAM preintegrates at a time; finer samples are compressed exactly first."""
 
 _AT_A_TIME = 400
@@ -44,7 +44,7 @@ def preintegrated(inputs: GraphInputs, states: States, speedless: bool) -> tuple
     turning = earth + transport_rate(velocity)
     weight = gravity + np.sum(velocity[:, :2] ** 2, axis=1) / EARTH_RADIUS
 
-    starts, first = increment_starts(inputs.data, inputs.edges, _INCREMENT_S)
+    starts, first = increment_starts(inputs.data, inputs.edges, INCREMENT_S)
     bridged = inputs.data.bridged[inputs.edges[:-1]]
     count = len(starts) - 1
     duration, rotation, velocity = np.empty(count), np.empty((count, 3)), np.empty((count, 3))

@@ -20,12 +20,18 @@ from trackfg.numerics.units import STANDARD_GRAVITY
 from trackfg.recording.description import RecordingDescription
 from trackfg.recording.model import Recording
 from trackfg.sensors.dead_reckoning import InitialPath
-from trackfg.sensors.imu_intervals import Intervals
+from trackfg.sensors.imu_intervals import Intervals, means_around
 from trackfg.sensors.imu_noise import NoiseFloor, WhiteNoise, vibration_power
 from trackfg.sensors.tach import Wheel
 
 _BLOCK = 256
 """Intervals between keyframes that are averaged at once: 50,000 samples at 200 Hz, 1 MB."""
+
+RATE_WINDOW_S = 0.04
+"""The body rate of a keyframe is a mean over this T, s. A motion of frequency f keeps sin(pi f T) / (pi f T) of its
+rate, 96 % at 4 Hz, above which a body on springs hardly turns; far from the point that follows the track the rest would
+count as sideways velocity.
+"""
 
 _NO_RATE = 1e-7
 """1-sigma of a rate of the Earth that is known, or of which nothing is said, rad/s: at the equator a heading that is
@@ -127,6 +133,11 @@ class GraphInputs(Outlined):
         return self.mean_gyro - self.path.bias(self.t[:-1])
 
     @cached_property
+    def body_rate(self) -> Array:
+        """The body rate at the keyframes, rad/s, shape (n, 3): the gyro's mean around them, less the initial bias."""
+        return means_around(self.t, RATE_WINDOW_S, self.data.edges, self.data.gyro) - self.path.bias(self.t)
+
+    @cached_property
     def vibration(self) -> Array:
         """The power of the vibration along each axis between keyframes, (m/s^2)^2, shape (n - 1, 3)."""
         return np.column_stack([self._mean(power) for power in vibration_power(self.data)])
@@ -181,14 +192,18 @@ class GraphInputs(Outlined):
 
     def with_motion(self, path: InitialPath, rolling: Rolling) -> GraphInputs:
         """Return inputs with another first guess of the motion, and the means as they were computed."""
-        inputs = replace(self, path=path, rolling=rolling)
-        vars(inputs).update(
+        return replace(self, path=path, rolling=rolling).knowing(
             durations=self.durations,
             mean_accel=self.mean_accel,
             mean_gyro=self.mean_gyro,
             vibration=self.vibration,
             noise=self.noise,
         )
+
+    def knowing(self, **computed: Array | WhiteNoise) -> GraphInputs:
+        """Return inputs with what is ``computed`` once, by name, as it was found elsewhere."""
+        inputs = copy(self)
+        vars(inputs).update(computed)
         return inputs
 
     def initial_states(self) -> States:

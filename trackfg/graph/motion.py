@@ -12,36 +12,33 @@ from trackfg.factors.path import follows_path
 from trackfg.graph.inputs import GraphInputs, still_between
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.spans import within
-from trackfg.sensors.imu_intervals import means_around, turning
+from trackfg.sensors.imu_intervals import Turning, turning
 
 _COARSE_M = 0.02
 """Rounding of a count, m, from which on it shows in a path: in a curve in which an interval of 50 rows turns by 0.05
 rad, 0.02 m 0.05 / sqrt(50) = 0.14 mm, where the initial speed, smoothed, errs by no more.
 """
 
-RATE_WINDOW_S = 0.04
-"""The body rate of a keyframe is a mean over this T, s. A motion of frequency f keeps sin(pi f T) / (pi f T) of its
-rate, 96 % at 4 Hz, above which a body on springs hardly turns; far from the point that follows the track the rest would
-count as sideways velocity.
-"""
-
 
 def motion(inputs: GraphInputs) -> list[Family]:
     """Return the factors of motion along the track, and of no motion at rest."""
     rigid = inputs.recording.description.imu.rigid
-    return [*along_track(inputs), *resting(inputs.t, inputs.rests, inputs.config.motion, rigid=rigid)]
+    return [*along_track(inputs, turned(inputs)), *resting(inputs.t, inputs.rests, inputs.config.motion, rigid=rigid)]
 
 
-def along_track(inputs: GraphInputs) -> list[Family]:
-    """Return no sideways velocity, and, of a sensor that follows the track, motion where it points all the way."""
+def along_track(inputs: GraphInputs, turned: Turning) -> list[Family]:
+    """Return no sideways velocity, and, of a sensor that follows the track, motion where it points all the way.
+
+    ``turned`` is that of the function of this name.
+    """
     config, k = inputs.config.motion, np.arange(len(inputs.t))
     speed = np.abs(np.interp(inputs.t, inputs.path.t, inputs.path.speed))
     sigma = np.array([config.lateral_sd_mps, config.vertical_sd_mps]) + config.sd_per_speed * speed[:, None]
     sigma = sigma * inputs.config.noise.motion
     huber = Huber(config.robust_width)
     return [
-        _path(inputs, huber),
-        non_holonomic(k, angular_rates(inputs), inputs.lever_arm, sigma, huber),
+        _path(inputs, turned, huber),
+        non_holonomic(k, inputs.body_rate, inputs.lever_arm, sigma, huber),
     ]
 
 
@@ -57,15 +54,19 @@ def resting(t: Array, rests: Array, config: MotionConfig, *, rigid: bool) -> lis
     ]
 
 
-def _path(inputs: GraphInputs, loss: Loss) -> Family:
+def turned(inputs: GraphInputs) -> Turning:
+    """Return how the gyro, less the initial bias, turns between keyframes."""
+    return turning(
+        inputs.data, inputs.edges, inputs.path.bias(inputs.t).mean(axis=0), _rolled(inputs, inputs.data.edges)
+    )
+
+
+def _path(inputs: GraphInputs, turned: Turning, loss: Loss) -> Family:
     """Return path factors of a sensor that follows the track, where it moves and its record has no hole."""
     config, distance = inputs.config.motion, np.abs(inputs.distance)
     bridged = np.concatenate([[0], np.cumsum(inputs.data.bridged)])
     whole = np.diff(bridged[inputs.edges]) == 0
     k = np.flatnonzero(whole & ~inputs.still & inputs.recording.description.imu.rigid)
-    turned = turning(
-        inputs.data, inputs.edges, inputs.path.bias(inputs.t).mean(axis=0), _rolled(inputs, inputs.data.edges)
-    )
     about = inputs.noise.gyro[:, [2, 1]]  # the axes about which the path turns sideways and upward
     bridge = about * (distance * np.sqrt(inputs.durations / 12.0))[:, None]
     model = (config.path_sd_m + config.path_sd_relative * distance) * inputs.config.noise.path
@@ -82,8 +83,3 @@ def _rolled(inputs: GraphInputs, t: Array) -> Array:
     if wheel is not None and (wheel.coarse or wheel.grown is not None or wheel.rounding_sd > _COARSE_M):
         return inputs.path.rolled(t)
     return inputs.distance_at(t)
-
-
-def angular_rates(inputs: GraphInputs) -> Array:
-    """Return the body rate at the keyframes: the gyro's mean around them, less the initial bias."""
-    return means_around(inputs.t, RATE_WINDOW_S, inputs.data.edges, inputs.data.gyro) - inputs.path.bias(inputs.t)

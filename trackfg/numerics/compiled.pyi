@@ -46,6 +46,18 @@ def preintegrate(
 ) -> None: ...
 def inertial_factors(deltas: Array, R: Array, p: Array, v: Array, bias: Array, rows: Array, /) -> None: ...
 def predict(delta: Array, R: Array, p: Array, v: Array, bias: Array, end: Array, /) -> None: ...
+def predict_interval(
+    edges: Array,
+    gyro: Array,
+    accel: Array,
+    bridged: np.ndarray,
+    layout: tuple[int, int, int, int, int, int],
+    setting: Array,
+    limits: Array,
+    states: tuple[Array, ...],
+    results: tuple[Array, ...],
+    /,
+) -> None: ...
 def noise_floor(
     edges: Array,
     gyro: Array,

@@ -27,7 +27,7 @@ from trackfg.numerics.spans import median_interval, true_runs
 from trackfg.recording.model import Recording
 
 _NO_BIAS = np.zeros(3)
-_AT_REST_M = 1e-3
+AT_REST_M = 1e-3
 """An interval over which the vehicle moves less, m, has no length to average over."""
 
 
@@ -253,11 +253,11 @@ def turning(data: Intervals, keyframes: np.ndarray, gyro_bias: Array, distance: 
         attitudes = Turning(*np.empty((3, len(keyframes) - 1, 3, 3)))
         edges, gyro, bias, way = map(kernel_argument, (data.edges, data.gyro, gyro_bias, distance))
         turned = attitudes.turn, attitudes.mean, attitudes.mean_by_time
-        compiled.turning(edges, gyro, keyframes.astype(np.int64), bias, way, _AT_REST_M, *turned)
+        compiled.turning(edges, gyro, keyframes.astype(np.int64), bias, way, AT_REST_M, *turned)
         return attitudes
     first, counts = keyframes[:-1], np.diff(keyframes)
     span, length = np.diff(data.edges[keyframes]), np.diff(distance[keyframes])
-    moving = np.abs(length) > _AT_REST_M
+    moving = np.abs(length) > AT_REST_M
     own, within = np.repeat(np.arange(len(first)), counts), slice(keyframes[0], keyframes[-1])
     edges = data.edges[keyframes[0] : keyframes[-1] + 1]
     dt, gone = np.diff(edges), np.diff(distance[keyframes[0] : keyframes[-1] + 1])
@@ -276,6 +276,11 @@ def turning(data: Intervals, keyframes: np.ndarray, gyro_bias: Array, distance: 
     return Turning(end, mean, np.add.reduceat(R, start) + at_end * end)
 
 
+def samples_per_increment(data: Intervals, duration: float) -> int:
+    """Return how many samples are in an increment of at most ``duration`` s: at least one."""
+    return max(1, int(duration / data.usual_duration + 1e-6))
+
+
 def increment_starts(
     data: Intervals, edges: np.ndarray, duration: float, times: Array | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
@@ -285,7 +290,7 @@ def increment_starts(
     Returns the increments' starts as indices into ``data.edges``, with the last end appended, and for each keyframe the
     position of its first increment in that list.
     """
-    group = max(1, int(duration / data.usual_duration + 1e-6))
+    group = samples_per_increment(data, duration)
     counts = -(-np.diff(edges) // group)
     offset = np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)
     starts = np.append(np.repeat(edges[:-1], counts) + group * offset, edges[-1])

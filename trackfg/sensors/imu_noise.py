@@ -65,7 +65,7 @@ _SCATTER = 0.88
 """Sigma of log S times the root of the number of periodogram values in a band, with overlap and median, as white noise
 shows it. A band is lower than another by more than its own scatter, else the least of three would be 10 % low."""
 
-_CLEARLY = 2.0
+CLEARLY = 2.0
 """Of the declared density squared: of true ones the floor is further up in less than 0.1 % of blocks of 64 samples."""
 
 _CHUNK = 256
@@ -115,7 +115,7 @@ _SHOCK_S = 0.2
 _SHOCK_LIMIT = 3.0
 """Of the rms of what the shocks of a run sum up to along the vehicle: beyond it, across and upwards, it is motion."""
 
-_LIMITS = np.array(
+NOISE_LIMITS = np.array(
     [
         *(_SCATTER, EULER, _SAME, _LONGER, _EXTREMES, _FINE_STEPS, _NEAR_EXTREME),
         *(_SHOCK_SIGMAS * SD_PER_MAD, _SHOCK_PAUSE_S, _SHOCK_S, _SHOCK_LIMIT),
@@ -172,15 +172,19 @@ class NoiseFloor:
     @classmethod
     def of(cls, data: Intervals) -> NoiseFloor:
         """Look at all samples of a record; of one shorter than a block nothing is said."""
-        length = 2 ** round(np.log2(max(min(_BLOCK_S / data.usual_duration, len(data)), 1.0)))
-        length = length if length <= len(data) else length // 2
-        if length < _SHORTEST_BLOCK:
-            nowhere = np.zeros(0), np.zeros((0, 6))
-            return cls(data.edges[[0, -1]], np.zeros((1, 6)), *nowhere, *nowhere)
+        length = block_length(data)
+        if not length:
+            return cls.unknown(data)
         blocks = _Blocks.of(data, length)
         if compiled_kernels():
             return cls(blocks.knots, *blocks.by_kernel())
         return cls(blocks.knots, np.maximum(blocks.floor(), blocks.rounding()), *blocks.hidden(), *blocks.shocks())
+
+    @classmethod
+    def unknown(cls, data: Intervals) -> NoiseFloor:
+        """Return a floor of a record of which nothing is said."""
+        nowhere = np.zeros(0), np.zeros((0, 6))
+        return cls(data.edges[[0, -1]], np.zeros((1, 6)), *nowhere, *nowhere)
 
     def with_rests(self, data: Intervals, rests: Array) -> NoiseFloor:
         """Return the same plus, all the time, what means over half a second in ``rests`` (r, 2), s, show besides."""
@@ -199,9 +203,9 @@ class NoiseFloor:
             t, knots, seen = map(kernel_argument, (t, self.knots, self.seen))
             lost_t, lost, shock_t, shock = map(kernel_argument, (self.lost_t, self.lost, self.shock_t, self.shock))
             variance = np.empty((len(span), 6))
-            compiled.white_noise(t, knots, seen, declared, _CLEARLY, lost_t, lost, shock_t, shock, variance)
+            compiled.white_noise(t, knots, seen, declared, CLEARLY, lost_t, lost, shock_t, shock, variance)
             return WhiteNoise.of_variance(variance)
-        white = np.where(self.seen > _CLEARLY * declared, self.seen, declared)
+        white = np.where(self.seen > CLEARLY * declared, self.seen, declared)
         total = np.concatenate([np.zeros((1, 6)), np.cumsum(white * np.diff(self.knots)[:, None], axis=0)])
         lost, shocks = (_summed(t, *parts) for parts in ((self.lost_t, self.lost), (self.shock_t, self.shock)))
         return WhiteNoise.of_variance(
@@ -268,12 +272,25 @@ def _finest_step(channels: Array) -> Array:
     return np.where(np.isfinite(finest), finest, 0.0)
 
 
+def block_length(data: Intervals) -> int:
+    """Return how many samples a block of a record has, a power of 2; 0 where it is too short for one."""
+    length: int = 2 ** round(np.log2(max(min(_BLOCK_S / data.usual_duration, len(data)), 1.0)))
+    length = length if length <= len(data) else length // 2
+    return length if length >= _SHORTEST_BLOCK else 0
+
+
+def vibration_widths(data: Intervals) -> tuple[int, int]:
+    """Return over how many samples means are motion, and over how many the vibration lasts."""
+    fast, lasting = (max(3, round(span / data.usual_duration)) for span in (_MOTION_S, _STEADY_S))
+    return fast, lasting
+
+
 def vibration_power(data: Intervals) -> Iterator[Array]:
     """Yield the power of the vibration at each sample, (m/s^2)^2, shape (n,), of one axis after the other.
 
     That is the mean square, over some seconds, of what is faster than the motion of a vehicle on its springs.
     """
-    fast, lasting = (max(3, round(span / data.usual_duration)) for span in (_MOTION_S, _STEADY_S))
+    fast, lasting = vibration_widths(data)
     for force in data.accel.T:
         shaking = force - uniform_filter1d(force, fast)
         yield uniform_filter1d(np.square(shaking, out=shaking), lasting, output=shaking)
@@ -314,7 +331,7 @@ class _Blocks:
         lost_rows, shock_rows = np.empty((2, count), dtype=np.int64)
         found, shown = compiled.noise_floor(
             *(edges, gyro, accel, np.ascontiguousarray(data.bridged), self.starts, self.length, self.dt),
-            *(_LIMITS, seen, lost_rows, lost, shock_rows, shock),
+            *(NOISE_LIMITS, seen, lost_rows, lost, shock_rows, shock),
         )
         rows = shock_rows[:shown]
         shock_t = 0.5 * (data.edges[rows] + data.edges[rows + 1])

@@ -29,7 +29,7 @@ import pandas as pd
 from trackfg.config import SmoothConfig
 from trackfg.errors import BadInputError
 from trackfg.factors.motion import mount_matrix
-from trackfg.graph.motion import RATE_WINDOW_S
+from trackfg.graph.inputs import RATE_WINDOW_S
 from trackfg.numerics.arrays import Array
 from trackfg.output.dense_motion import DenseMotion
 from trackfg.output.trajectory import trajectory_columns

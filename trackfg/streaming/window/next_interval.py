@@ -19,25 +19,19 @@ from trackfg.factors.motion import mount_matrix
 from trackfg.factors.odometry import tach_excess
 from trackfg.factors.states import Nav, Odo, States
 from trackfg.graph.further_sensors import further_distances
-from trackfg.graph.inertial import preintegrated
 from trackfg.graph.inputs import GraphInputs
 from trackfg.graph.motion import along_track
 from trackfg.graph.odometry import path_length_factors, tach_factors
 from trackfg.graph.positions import positions
-from trackfg.graph.wheel_slip import Rolling
 from trackfg.numerics.arrays import Array
-from trackfg.numerics.rotations import rpy_from_matrix
 from trackfg.recording.model import Recording
-from trackfg.sensors.dead_reckoning import InitialPath
 from trackfg.sensors.imu_intervals import Intervals
-from trackfg.sensors.imu_noise import NoiseFloor
 from trackfg.sensors.tach import Wheel
-from trackfg.streaming.rows import NO_SAMPLES
+from trackfg.streaming.window.predicted_motion import PredictedMotion
 from trackfg.streaming.window.stream_context import StreamContext
 from trackfg.streaming.window.wheel_creep import with_walking_scale
 from trackfg.streaming.window.window import Interval, Window
 
-_NO_RESTS = np.zeros((0, 2))
 OFF_S = 60.0
 """How long a device that restarted is taken to have been off, s: the order of a reboot. Its clock does not tell."""
 _ROLLING_SIGMAS = 4.0
@@ -76,36 +70,16 @@ def predict_interval(
     ``excess`` (6,): by what the density squared of the noise is above what its spectrum shows. ``broken``: the sensor
     was off for an unknown time that is not on the clock.
     """
-    k = len(window) - 1
-    newest = window.states.take(slice(k, k + 1))
-    t = data.edges[edges]
-    nothing = Recording(context.description, NO_SAMPLES)
-    inputs = GraphInputs(
-        recording=nothing,
-        config=context.config,
-        world=context.world,
-        data=data,
-        floor=NoiseFloor.of(data).raised(excess),
-        wheel=None,
-        rests=_NO_RESTS,
-        path=_standing(data.edges[[0, -1]], newest),
-        rolling=None,
-        edges=edges,
-        t=t,
-        clock_origin=context.clock_origin,
-    )
-    response = inputs.response[0]
-    newest = replace(newest, bias=newest.bias + response @ newest.imu[0])
-    measured = preintegrated(inputs, newest.joined(newest), speedless=False)[0]
-    nav = measured.predicted(newest.nav, newest.bias[0])
-    distance = _distance(newest.nav, nav, context.lever_arm)
-    inputs = _with_motion(inputs, newest, nav, distance)
-    odo = Odo.of(newest.odo.distance + distance, newest.odo.scale, newest.odo.count + distance, np.array([distance]))
-    predicted = replace(newest, nav=nav, bias=window.states.bias[k:], odo=odo)
-    families = _new_factors([*path_length_factors(inputs), *along_track(inputs)])
+    newest = window.states.take(slice(len(window) - 1, None))
+    motion = PredictedMotion.of(context, newest, data, edges, excess)
+    inputs, start, measured, distance = motion.inputs, motion.start, motion.measured, motion.distance
+    odo = Odo.of(start.odo.distance + distance, start.odo.scale, start.odo.count + distance, np.array([distance]))
+    predicted = replace(newest, nav=motion.nav, odo=odo)
+    families = _new_factors([*path_length_factors(inputs), *along_track(inputs, motion.turned)])
     if broken:
-        measured, families = _across_break(inputs, newest, measured, families)
-    return Prediction(inputs, Interval(float(t[1]), newest.bias[0], predicted, measured, response, families))
+        measured, families = _across_break(inputs, start, measured, families)
+    end = float(inputs.t[1])
+    return Prediction(inputs, Interval(end, start.bias[0], predicted, measured, motion.response, families))
 
 
 def with_other_rows(prediction: Prediction, recording: Recording, wheel: Wheel | None, speed_sd: float) -> Interval:
@@ -166,29 +140,3 @@ def _new_factors(families: list[Family]) -> tuple[Family, ...]:
 def _on_later_keyframe(family: Family) -> Family:
     mask = family.last_keyframe == 1
     return family if mask.all() else family.take(mask)
-
-
-def _distance(newest: Nav, predicted: Nav, lever_arm: Array) -> float:
-    """Return the distance along the track, m, backwards negative."""
-    chord = (predicted.p - predicted.R @ lever_arm) - (newest.p - newest.R @ lever_arm)
-    forward = 0.5 * (newest.R[0, :, 0] + predicted.R[0, :, 0])
-    return float(np.copysign(np.linalg.norm(chord), chord[0] @ forward))
-
-
-def _standing(t: Array, newest: States) -> InitialPath:
-    """Return a first guess of the motion between two times (2,), s, as factors need it: constant attitude and bias."""
-    rpy, gyro_bias = (np.repeat(row, 2, axis=0) for row in (rpy_from_matrix(newest.nav.R), newest.bias[:, 3:]))
-    return InitialPath(t, rpy, np.zeros((2, 3)), np.zeros((2, 3)), np.zeros(2), gyro_bias)
-
-
-def _with_motion(inputs: GraphInputs, newest: States, predicted: Nav, distance: float) -> GraphInputs:
-    """Return the inputs with a speed that changes evenly over the interval and covers its distance, and mean biases."""
-    edges, (begin, end) = inputs.data.edges, inputs.t
-    slow, fast = (float(nav.v[0] @ nav.R[0, :, 0]) for nav in (newest.nav, predicted))
-    path = _standing(inputs.path.t, newest)
-    speed = slow + (fast - slow) * (path.t - begin) / (end - begin)
-    speed += distance / (end - begin) - 0.5 * (slow + fast)
-    path = replace(path, speed=speed)
-    travelled = Wheel(edges, path.rolled(edges), 1e-4, 0.0, False, _NO_RESTS)
-    rolling = Rolling(path.t, speed, np.ones(1, dtype=bool), travelled)
-    return inputs.with_motion(path, rolling)

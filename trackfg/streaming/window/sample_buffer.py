@@ -12,8 +12,8 @@ import numpy as np
 import pandas as pd
 
 from trackfg.graph.further_sensors import BEFORE_S
+from trackfg.graph.inputs import RATE_WINDOW_S
 from trackfg.graph.keyframes import TOO_CLOSE
-from trackfg.graph.motion import RATE_WINDOW_S
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.spans import median_interval
 from trackfg.recording.description import RecordingDescription

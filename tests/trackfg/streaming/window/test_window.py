@@ -143,6 +143,7 @@ def rolled(speed: float) -> Wheel:
     return Wheel(t, speed * t, 1e-3, 0.0, False, NOTHING)
 
 
+@pytest.mark.usefixtures("kernels")
 @pytest.mark.parametrize("speed", [10.0, -10.0], ids=["forwards", "backwards"])
 def test_the_next_keyframe_is_where_the_speed_leads(description: RecordingDescription, speed: float) -> None:
     interval = predicted(description, speed).interval

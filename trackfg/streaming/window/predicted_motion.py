@@ -1,0 +1,191 @@
+"""The motion over the next interval of a stream, as its inertial samples measure and predict it.
+
+Where compiled kernels are in use, ``kernels/prediction.cpp`` computes all of it at once; the batch smoother's
+functions, one after the other, are its reference.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from trackfg.factors.imu import Preintegration, PreintegrationNoise
+from trackfg.factors.states import Kind, Nav, States
+from trackfg.graph.inertial import INCREMENT_S, preintegrated
+from trackfg.graph.inputs import RATE_WINDOW_S, GraphInputs
+from trackfg.graph.motion import turned
+from trackfg.graph.wheel_slip import Rolling
+from trackfg.numerics.arrays import Array
+from trackfg.numerics.geodesy import EARTH_RADIUS
+from trackfg.numerics.kernels import compiled_kernels, kernel_argument
+from trackfg.numerics.rotations import rpy_from_matrix
+from trackfg.recording.model import Recording
+from trackfg.sensors.dead_reckoning import InitialPath
+from trackfg.sensors.imu_intervals import AT_REST_M, Intervals, Turning, samples_per_increment
+from trackfg.sensors.imu_noise import (
+    CLEARLY,
+    NOISE_LIMITS,
+    NoiseFloor,
+    WhiteNoise,
+    block_length,
+    vibration_widths,
+)
+from trackfg.sensors.tach import Wheel
+from trackfg.streaming.rows import NO_SAMPLES
+from trackfg.streaming.window.stream_context import StreamContext
+
+_NO_RESTS = np.zeros((0, 2))
+
+
+class PredictedMotion(NamedTuple):
+    """``inputs`` with the first guess of the motion, the keyframe that it begins at with the interval's bias
+    (``start``) and that bias' ``response`` to the calibration (6, IMU); what was ``measured``; the state at the end
+    (``nav``) and the ``distance`` along the track, m, backwards negative; and how the body ``turned`` in between.
+    """
+
+    inputs: GraphInputs
+    start: States
+    response: Array
+    measured: Preintegration
+    nav: Nav
+    distance: float
+    turned: Turning
+
+    @classmethod
+    def of(
+        cls, context: StreamContext, newest: States, data: Intervals, edges: np.ndarray, excess: Array
+    ) -> PredictedMotion:
+        """Predict from the ``newest`` keyframe to the next one, as :func:`next_interval.predict_interval` says."""
+        predicted = _by_kernel if compiled_kernels() else _by_arrays
+        return predicted(context, newest, data, edges, excess)
+
+
+def _by_arrays(
+    context: StreamContext, newest: States, data: Intervals, edges: np.ndarray, excess: Array
+) -> PredictedMotion:
+    standing = _path(data, rpy_from_matrix(newest.nav.R), newest.bias, np.zeros(2))
+    inputs = _inputs(context, data, edges, NoiseFloor.of(data).raised(excess), standing, None)
+    response = inputs.response[0]
+    start = replace(newest, bias=newest.bias + response @ newest.imu[0])
+    measured = preintegrated(inputs, start.joined(start), speedless=False)[0]
+    nav = measured.predicted(start.nav, start.bias[0])
+    distance = _distance(start.nav, nav, context.lever_arm)
+    begin, end = inputs.t
+    slow, fast = (float(one.v[0] @ one.R[0, :, 0]) for one in (start.nav, nav))
+    speed = slow + (fast - slow) * (standing.t - begin) / (end - begin)
+    speed += distance / (end - begin) - 0.5 * (slow + fast)
+    path = _path(data, standing.rpy[:1], start.bias, speed)
+    inputs = inputs.with_motion(path, _rolling(path, data.edges, path.rolled(data.edges)))
+    return PredictedMotion(inputs, start, response, measured, nav, distance, turned(inputs))
+
+
+def _by_kernel(
+    context: StreamContext, newest: States, data: Intervals, edges: np.ndarray, excess: Array
+) -> PredictedMotion:
+    from trackfg.numerics import compiled
+
+    t, gyro, accel = map(kernel_argument, (data.edges, data.gyro, data.accel))
+    begin, end = edges.tolist()
+    group = samples_per_increment(data, INCREMENT_S)
+    count = -(-(end - begin) // group)
+    means, response, noise = np.empty((3, 3)), np.empty((6, Kind.IMU.dim)), np.empty((2, 6))
+    increments, frame, delta, state = np.empty(7 * count), np.empty(4), np.empty(compiled.DELTA_SIZE), np.empty(15)
+    motion, rolled, turns, rates = np.empty(3), np.empty(len(data.edges)), np.empty((3, 1, 3, 3)), np.empty((2, 3))
+    results = (means, response, noise, increments, frame, delta, state, motion, rolled, turns, rates)
+    compiled.predict_interval(
+        *(t, gyro, accel, np.ascontiguousarray(data.bridged)),
+        (begin, end, block_length(data), *vibration_widths(data), group),
+        _setting(context, data.usual_duration, excess),
+        NOISE_LIMITS,
+        newest.arrays,
+        results,
+    )
+    bias, density = noise[:1], noise[1:]
+    white = WhiteNoise(density[:, :3], density[:, 3:])
+    start = States(newest.nav, bias, newest.odo, newest.mount, newest.clock, newest.imu, newest.wheel, newest.sensor)
+    measured = Preintegration(
+        _bridge(context) if data.bridged[begin] else PreintegrationNoise(white.gyro[0], white.accel[0]),
+        float(frame[0]),
+        frame[1:],
+        bias[0],
+        increments[:count],
+        increments[count : 4 * count].reshape(count, 3),
+        increments[4 * count :].reshape(count, 3),
+    )
+    vars(measured)["delta"] = delta
+    nav = Nav(state[None, :9].reshape(1, 3, 3), state[None, 9:12], state[None, 12:])
+    path = _path(data, rpy_from_matrix(newest.nav.R), bias, motion[1:])
+    rolling = _rolling(path, data.edges, rolled)
+    inputs = _inputs(context, data, edges, NoiseFloor.unknown(data), path, rolling).knowing(
+        mean_accel=means[:1],
+        mean_gyro=means[1:2],
+        vibration=means[2:],
+        noise=white,
+        distance=rolled[end : end + 1] - rolled[begin],
+        body_rate=rates,
+    )
+    return PredictedMotion(inputs, start, response, measured, nav, float(motion[0]), Turning(*turns))
+
+
+def _setting(context: StreamContext, dt: float, excess: Array) -> Array:
+    """Return the numbers that ``Setting`` in ``kernels/prediction.cpp`` names; ``dt``: usual time of a sample, s."""
+    world, imu, level = context.world, context.description.imu, context.config.noise
+    bridge, position = _bridge(context), PreintegrationNoise.position
+    gyro, accel = (imu.noise.gyro_white * level.gyro) ** 2, (imu.noise.accel_white * level.accel) ** 2
+    return np.array([
+        *(dt, CLEARLY, world.gravity, *world.earth_rate.tolist(), EARTH_RADIUS, RATE_WINDOW_S, AT_REST_M, position),
+        *(*imu.lever_arm_m, gyro, gyro, gyro, accel, accel, accel, *excess.tolist()),
+        *(*bridge.gyro.tolist(), *bridge.accel.tolist()),
+    ])  # fmt: skip
+
+
+def _bridge(context: StreamContext) -> PreintegrationNoise:
+    config = context.config.imu
+    return PreintegrationNoise.alike(config.bridge_gyro_white, config.bridge_accel_white)
+
+
+def _inputs(
+    context: StreamContext,
+    data: Intervals,
+    edges: np.ndarray,
+    floor: NoiseFloor,
+    path: InitialPath,
+    rolling: Rolling | None,
+) -> GraphInputs:
+    return GraphInputs(
+        recording=Recording(context.description, NO_SAMPLES),
+        config=context.config,
+        world=context.world,
+        data=data,
+        floor=floor,
+        wheel=None,
+        rests=_NO_RESTS,
+        path=path,
+        rolling=rolling,
+        edges=edges,
+        t=data.edges[edges],
+        clock_origin=context.clock_origin,
+    )
+
+
+def _path(data: Intervals, rpy: Array, bias: Array, speed: Array) -> InitialPath:
+    """Return a first guess of the motion over ``data``, as factors need it: one attitude (1, 3), rad, one bias (1, 6),
+    and the ``speed`` (2,) at begin and end, m/s.
+    """
+    nowhere = np.zeros((2, 3))
+    return InitialPath(
+        data.edges[[0, -1]], rpy.repeat(2, axis=0), nowhere, nowhere, speed, bias[:, 3:].repeat(2, axis=0)
+    )
+
+
+def _rolling(path: InitialPath, edges: Array, rolled: Array) -> Rolling:
+    return Rolling(path.t, path.speed, np.ones(1, dtype=bool), Wheel(edges, rolled, 1e-4, 0.0, False, _NO_RESTS))
+
+
+def _distance(newest: Nav, predicted: Nav, lever_arm: Array) -> float:
+    """Return the distance along the track, m, backwards negative."""
+    chord = (predicted.p - predicted.R @ lever_arm) - (newest.p - newest.R @ lever_arm)
+    forward = 0.5 * (newest.R[0, :, 0] + predicted.R[0, :, 0])
+    return float(np.copysign(np.linalg.norm(chord), chord[0] @ forward))
