@@ -12,6 +12,7 @@ static PyMethodDef methods[] = {
     {"predict", predict, METH_VARARGS, "Predict the state after an interval."},
     {"predict_interval", predict_interval, METH_VARARGS, "Predict the next interval of a stream."},
     {"noise_floor", noise_floor, METH_VARARGS, "Look for the white noise of inertial samples."},
+    {"noise_seen", noise_seen, METH_VARARGS, "Look for white noise and add it up."},
     {"white_noise", white_noise, METH_VARARGS, "Add up the white noise between times."},
     {"interpolate_columns", interpolate_columns, METH_VARARGS, "Interpolate the columns of a table."},
     {"compress", compress, METH_VARARGS, "Compress inertial samples to increments."},
@@ -23,6 +24,7 @@ static PyMethodDef methods[] = {
     {"retract", retract, METH_VARARGS, "Move states by a step."},
     {"step_from", step_from, METH_VARARGS, "Compute the step from states to others."},
     {"quantities", quantities, METH_VARARGS, "Differentiate what a trajectory tells."},
+    {"trajectory_rows", trajectory_rows, METH_VARARGS, "Compute rows of a trajectory with their sigmas."},
     {"switch_chain", switch_chain, METH_VARARGS, "Find the states of a chain of switches."},
     {"spill", spill, METH_VARARGS, "Lay large arrays beyond a budget into a file."},
     {"unspill", unspill, METH_VARARGS, "Leave arrays to another handler of memory again."},
@@ -36,7 +38,7 @@ static PyModuleDef definition = {
 PyMODINIT_FUNC PyInit_compiled() {
     PyObject *module = PyModule_Create(&definition);
     // Raised by one whenever a function's arguments change, so that a build of older sources is not called.
-    if (module != nullptr && (PyModule_AddIntConstant(module, "REVISION", 12) != 0 ||
+    if (module != nullptr && (PyModule_AddIntConstant(module, "REVISION", 13) != 0 ||
                               PyModule_AddIntConstant(module, "DELTA_SIZE", DELTA_SIZE) != 0)) {
         Py_DECREF(module);
         return nullptr;

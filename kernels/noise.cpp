@@ -378,8 +378,8 @@ void add_up(double begin, double end, const Floor &floor, const double *declared
 
 }  // namespace
 
-void noise_between(const Samples &samples, std::ptrdiff_t length, double dt, const NoiseRule &rule, double begin, double end,
-                   double *variance) {
+void noise_between(const Samples &samples, std::ptrdiff_t length, double dt, const NoiseRule &rule, const double *times,
+                   std::ptrdiff_t m, double *variance) {
     const std::ptrdiff_t count = samples.count;
     const double *t = samples.edges;
     std::vector<double> seen(CHANNELS), knots = {t[0], t[count]}, lost, shock, lost_t, shock_t;
@@ -403,7 +403,8 @@ void noise_between(const Samples &samples, std::ptrdiff_t length, double dt, con
     const Floor floor = {knots.data(), seen.data(), static_cast<std::ptrdiff_t>(knots.size()) - 1};
     const Changes changes[2] = {{lost_t.data(), lost.data(), static_cast<std::ptrdiff_t>(lost_t.size())},
                                 {shock_t.data(), shock.data(), static_cast<std::ptrdiff_t>(shock_t.size())}};
-    add_up(begin, end, floor, rule.declared, rule.clearly, changes, variance);
+    for (std::ptrdiff_t k = 0; k < m; ++k)
+        add_up(times[k], times[k + 1], floor, rule.declared, rule.clearly, changes, variance + k * CHANNELS);
 }
 
 // noise_floor(edges (n + 1), gyro (n, 3), accel (n, 3), bridged (n), starts (b), length, dt, limits, seen (b, 6),
@@ -444,6 +445,37 @@ PyObject *noise_floor(PyObject *, PyObject *arguments) {
     shows = record.shocks(shock_rows.data(), shock.data());
     Py_END_ALLOW_THREADS;
     return Py_BuildValue("(nn)", hides, shows);
+}
+
+// noise_seen(edges (n + 1), gyro (n, 3), accel (n, 3), bridged (n), length, dt, limits, declared (6), excess (6), clearly,
+// t (m + 1), variance (m, 6)): noise_floor and white_noise at once, the densities of the floor higher by `excess`.
+PyObject *noise_seen(PyObject *, PyObject *arguments) {
+    PyObject *o[9];
+    Py_ssize_t length;
+    double dt, clearly;
+    if (!PyArg_ParseTuple(arguments, "OOOOndOOOdOO", &o[0], &o[1], &o[2], &o[3], &length, &dt, &o[4], &o[5], &o[6], &clearly,
+                          &o[7], &o[8]))
+        return nullptr;
+    const Doubles edges(o[0], 1), gyro(o[1], 2), accel(o[2], 2);
+    if (!edges.ok() || !gyro.ok() || !accel.ok()) return nullptr;
+    const Flags bridged(o[3], 1);
+    const Doubles limits(o[4], 1), declared(o[5], 1), excess(o[6], 1), times(o[7], 1), variance(o[8], 2, true);
+    if (!bridged.ok() || !limits.ok() || !declared.ok() || !excess.ok() || !times.ok() || !variance.ok()) return nullptr;
+    const std::ptrdiff_t count = bridged.size(0), m = variance.size(0);
+    if (count < 1 || edges.size(0) != count + 1 || gyro.size(0) != count || accel.size(0) != count ||
+        gyro.size(1) != AXES || accel.size(1) != AXES || limits.size(0) != NOISE_LIMITS ||
+        declared.size(0) != CHANNELS || excess.size(0) != CHANNELS)
+        return refused("samples");
+    if (times.size(0) != m + 1 || variance.size(1) != CHANNELS) return refused("results");
+    if (length < 0 || length > count || (length & (length - 1)) != 0 || (length > 0 && length < SHORTEST_BLOCK) ||
+        !(dt > 0.0))
+        return refused("blocks");
+    const Samples samples = {edges.data(), gyro.data(), accel.data(), bridged.data(), count};
+    const NoiseRule rule = {declared.data(), excess.data(), limits.data(), clearly};
+    Py_BEGIN_ALLOW_THREADS;
+    noise_between(samples, length, dt, rule, times.data(), m, variance.data());
+    Py_END_ALLOW_THREADS;
+    Py_RETURN_NONE;
 }
 
 // white_noise(t (m + 1), knots (b + 1), seen (b, 6), declared (6), clearly, lost_t (h), lost (h, 6), shock_t (k), shock (k, 6),

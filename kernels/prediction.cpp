@@ -147,7 +147,8 @@ PyObject *predict_interval(PyObject *, PyObject *arguments) {
     const Vector gyro_bias = vector(bias + AXES), arm = vector(setting.lever_arm);
 
     const NoiseRule rule = {setting.declared, setting.excess, limits.data(), setting.clearly};
-    noise_between(samples, length, setting.dt, rule, t[begin], t[end], noise);
+    const double ends[2] = {t[begin], t[end]};
+    noise_between(samples, length, setting.dt, rule, ends, 1, noise);
     for (int i = 0; i < CHANNELS; ++i) noise[i] = std::sqrt(noise[i]);
     double assumed[CHANNELS + 1];
     for (int i = 0; i < CHANNELS; ++i) {

@@ -1,9 +1,12 @@
-// The derivatives of what a trajectory tells of a vehicle, by the states: trackfg.output.trajectory.
+// What a trajectory tells of a vehicle, its sigmas, and its derivatives by the states: trackfg.output.trajectory.
+#include <iterator>
+
 #include "states.h"
 
 namespace {
 
 constexpr int QUANTITIES = 8, CHAINAGE = 0, PLACE = 1, SPEED = 4, ATTITUDE = 5;
+constexpr int POINT = 2;  // where the place of the point that follows the track begins in MOUNT
 constexpr int AT_NAV = ODO + BIAS;  // in a tangent
 
 }  // namespace
@@ -43,6 +46,73 @@ PyObject *quantities(PyObject *, PyObject *arguments) {
         for (int angle = 0; angle < 2; ++angle) {
             const Vector own = rates * by_mount[angle];
             for (int i = 0; i < 3; ++i) at(ATTITUDE + i, KEYFRAME + angle) = own[i];
+        }
+    }
+    Py_RETURN_NONE;
+}
+
+// trajectory_rows(motion, keyframes, mount (5), lever_arm (3), direction, of_point (3, 3), keyframe (m), out (m, 16)): the
+// quantities of rows of motion, each with its sigma. Of the motion: R (m, 3, 3), p, v and the body rate (m, 3), distance,
+// fraction and the time that the rate is a mean of (m). Of the keyframes: times (n), densities of the accelerometer's and
+// the gyro's noise between them (n - 1, 3), variances of the quantities (n, 8) and covariance of the speed with the point
+// that follows the track (n, 3), whose own is `of_point`.
+PyObject *trajectory_rows(PyObject *, PyObject *arguments) {
+    PyObject *py[7];
+    double direction;
+    if (!PyArg_ParseTuple(arguments, "OOOOdOOO", &py[0], &py[1], &py[2], &py[3], &direction, &py[4], &py[5], &py[6]))
+        return nullptr;
+    const Arrays motion(py[0]), keyframes(py[1]);
+    if (!motion.ok() || !keyframes.ok()) return nullptr;
+    const Doubles mounting(py[2], 1), lever(py[3], 1), of_point(py[4], 2);
+    if (!mounting.ok() || !lever.ok() || !of_point.ok()) return nullptr;
+    const Integers interval(py[5], 1);
+    const Doubles out(py[6], 2, true);
+    if (!interval.ok() || !out.ok()) return nullptr;
+    const std::ptrdiff_t m = out.size(0);
+    const std::ptrdiff_t widths[] = {9, 3, 3, 3, 1, 1, 1};
+    if (motion.count() != std::size(widths) || keyframes.count() != 5) return refused("rows");
+    for (std::size_t i = 0; i < std::size(widths); ++i)
+        if (!motion.has(i, m, widths[i])) return refused("rows");
+    const std::ptrdiff_t n = keyframes.rows(0);
+    if (!keyframes.has(0, n, 1) || n < 2 || !keyframes.has(1, n - 1, 3) || !keyframes.has(2, n - 1, 3) ||
+        !keyframes.has(3, n, QUANTITIES) || !keyframes.has(4, n, 3))
+        return refused("keyframes");
+    if (mounting.size(0) != MOUNT || lever.size(0) != 3 || of_point.total() != 9 || interval.size(0) != m ||
+        out.size(1) != 2 * QUANTITIES)
+        return refused("results");
+    for (std::ptrdiff_t i = 0; i < m; ++i)
+        if (interval.data()[i] < 0 || interval.data()[i] > n - 2) return refused("intervals");
+    const Mounting mount(mounting.data());
+    const Vector arm = vector(lever.data()), from_track = arm - vector(mounting.data() + POINT), forward = mount.forward();
+    const Vector by_rate = cross(from_track, forward);  // of the speed, by the body rate
+    const Matrix point = matrix(of_point.data());
+    for (std::ptrdiff_t i = 0; i < m; ++i) {
+        const std::ptrdiff_t k = interval.data()[i];
+        const Matrix R = matrix(motion.data(0) + 9 * i);
+        const Vector p = vector(motion.data(1) + 3 * i) - R * arm, rate = vector(motion.data(3) + 3 * i);
+        const Vector on_track = transposed(R) * vector(motion.data(2) + 3 * i) - cross(rate, from_track);
+        const Angles angles(R * mount.R);
+        const double value[QUANTITIES] = {direction * motion.data(4)[i], p[0], p[1], p[2], dot(on_track, forward),
+                                          angles.roll, angles.pitch, angles.yaw};
+        const double h = motion.data(5)[i], rest = 1.0 - h, span = keyframes.data(0)[k + 1] - keyframes.data(0)[k];
+        const double bridge = span * h * rest, *before = keyframes.data(3) + QUANTITIES * k, *after = before + QUANTITIES;
+        const double swing = bridge * bridge * (rest * rest * before[SPEED] + h * h * after[SPEED]);
+        double accel = 0.0, by_gyro = 0.0, variance[QUANTITIES], gyro[3];
+        for (int axis = 0; axis < 3; ++axis) {
+            const double felt = keyframes.data(1)[3 * k + axis], turned = keyframes.data(2)[3 * k + axis];
+            accel += felt * felt / 3.0, gyro[axis] = turned * turned;
+            by_gyro += gyro[axis] * by_rate[axis] * by_rate[axis];
+        }
+        for (int j = 0; j < QUANTITIES; ++j) variance[j] = before[j] * rest + after[j] * h;
+        for (int j = 0; j < SPEED; ++j) variance[j] += accel * bridge * bridge * bridge / 3.0 + swing;
+        const Vector swung = cross(forward, rate);
+        const double *with_speed = keyframes.data(4) + 3 * k;
+        variance[SPEED] += accel * bridge + by_gyro / motion.data(6)[i] + dot(swung, point * swung) +
+                           2.0 * dot(rest * vector(with_speed) + h * vector(with_speed + 3), swung);
+        for (int axis = 0; axis < 3; ++axis) variance[ATTITUDE + axis] += gyro[axis] * bridge;
+        for (int j = 0; j < QUANTITIES; ++j) {
+            out.data()[2 * (QUANTITIES * i + j)] = value[j];
+            out.data()[2 * (QUANTITIES * i + j) + 1] = std::sqrt(variance[j]);
         }
     }
     Py_RETURN_NONE;

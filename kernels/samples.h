@@ -38,9 +38,10 @@ struct NoiseRule {
     const double *declared, *excess, *limits;
     double clearly;
 };
-// Densities squared (6) between two times as all samples show them in blocks of `length`, 0 if they are too few: noise.cpp.
-void noise_between(const Samples &samples, std::ptrdiff_t length, double dt, const NoiseRule &rule, double begin, double end,
-                   double *variance);
+// Densities squared (m, 6) between times (m + 1) as all samples show them in blocks of `length`, 0 if they are too few:
+// noise.cpp.
+void noise_between(const Samples &samples, std::ptrdiff_t length, double dt, const NoiseRule &rule, const double *times,
+                   std::ptrdiff_t m, double *variance);
 
 // The preintegrated measurement of m increments, (DELTA_SIZE), and the state (15) that it predicts: inertial.cpp. False
 // where its covariance is not positive definite.

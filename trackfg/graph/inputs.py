@@ -69,10 +69,10 @@ def world_of(recording: Recording) -> World:
     return World(gravity, rate, start_yaw, unknown)
 
 
-def assumed_noise(description: RecordingDescription, config: SmoothConfig, floor: NoiseFloor, t: Array) -> WhiteNoise:
-    """Return the noise of the inertial samples between times ``t``: the declared one times its level, or as seen."""
+def declared_noise(description: RecordingDescription, config: SmoothConfig) -> tuple[float, float]:
+    """Return the densities of the noise of gyro and accelerometer: the declared ones times their level."""
     declared, level = description.imu.noise, config.noise
-    return floor.between(t, declared.gyro_white * level.gyro, declared.accel_white * level.accel)
+    return declared.gyro_white * level.gyro, declared.accel_white * level.accel
 
 
 def still_between(t: Array, rests: Array) -> np.ndarray:
@@ -174,7 +174,7 @@ class GraphInputs(Outlined):
     @cached_property
     def noise(self) -> WhiteNoise:
         """White noise of the inertial samples as assumed, from each keyframe to the next."""
-        return assumed_noise(self.recording.description, self.config, self.floor, self.t)
+        return self.floor.between(self.t, *declared_noise(self.recording.description, self.config))
 
     @cached_property
     def response(self) -> Array:

@@ -95,6 +95,8 @@ class Rolling:
 
     def slips_within(self, t: Array) -> np.ndarray:
         """Return whether the wheel slips somewhere between neighbouring times (m,), shape (m - 1,)."""
+        if self.rolls.all():
+            return np.zeros(len(t) - 1, dtype=bool)
         edges = np.clip(np.searchsorted(self.t, t), 0, len(self.rolls))
         slipping = np.concatenate([[0], np.cumsum(~self.rolls)])
         found: np.ndarray = slipping[edges[1:]] > slipping[np.maximum(edges[:-1] - 1, 0)]

@@ -74,6 +74,21 @@ def noise_floor(
     shock: Array,
     /,
 ) -> tuple[int, int]: ...
+def noise_seen(
+    edges: Array,
+    gyro: Array,
+    accel: Array,
+    bridged: np.ndarray,
+    length: int,
+    dt: float,
+    limits: Array,
+    declared: Array,
+    excess: Array,
+    clearly: float,
+    t: Array,
+    variance: Array,
+    /,
+) -> None: ...
 def white_noise(
     t: Array,
     knots: Array,
@@ -140,6 +155,17 @@ def retract(
 ) -> None: ...
 def step_from(origin: tuple[Array, ...], values: tuple[Array, ...], keyframes: Array, shared: Array, /) -> None: ...
 def quantities(R: Array, v: Array, mount: Array, lever_arm: Array, J: Array, /) -> None: ...
+def trajectory_rows(
+    motion: tuple[Array, ...],
+    keyframes: tuple[Array, ...],
+    mount: Array,
+    lever_arm: Array,
+    direction: float,
+    of_point: Array,
+    keyframe: np.ndarray,
+    out: Array,
+    /,
+) -> None: ...
 def switch_chain(
     z: Array, transition: Array, stay_cost: float, outlier: float, inlier_before: float, first: Array, /
 ) -> float: ...

@@ -16,6 +16,9 @@ from trackfg.solver.covariance import Covariance
 
 QUANTITIES = ("chainage_m", "east_m", "north_m", "up_m", "speed_mps", "roll_rad", "pitch_rad", "yaw_rad")
 
+_COLUMNS = tuple(column for name in QUANTITIES for column in (name, f"{name}_sd"))
+"""Quantities and their sigmas, in the order of the table."""
+
 _SHARED_POINT = slice(2, 5)
 """The place of the point that follows the track, among the shared variables."""
 
@@ -40,6 +43,19 @@ def trajectory_columns(
     integrated and pinned in slope too; and what their speeds' errors do to the cubic between. The speed has also the
     noise of the row's own body rate, at its lever arm, and what is unknown of that. Yaw is in (-pi, pi].
     """
+    J, spread = _propagated(states, covariance, run.lever_arm)
+    variance = _variances(J, spread, run.mount_roll_sd)
+    rows = _by_kernel if compiled_kernels() else _by_arrays
+    columns = rows(run, motion, states, covariance, variance, spread).T
+    return {"t_s": motion.t, **dict(zip(_COLUMNS, columns, strict=True))}
+
+
+def _by_arrays(
+    run: RunContext, motion: DenseMotion, states: States, covariance: Covariance, variance: Array, spread: Array
+) -> Array:
+    """Return the quantities of the rows and their sigmas, in turns, shape (m, 16), from the keyframes' ``variance`` (n,
+    8) and their covariance with the variables, ``spread`` (n, 8, d).
+    """
     R_bt = mount_matrix(states.mount)[0]
     nav = motion.nav
     rpy = rpy_from_matrix(nav.R @ R_bt)
@@ -49,9 +65,6 @@ def trajectory_columns(
     on_track = nav.own_velocity - cross(motion.gyro, arm[None])
     forward = R_bt[:, 0]
     columns = [run.direction * motion.distance, *p.T, on_track @ forward, *rpy.T]
-
-    J, spread = _propagated(states, covariance, lever_arm)
-    variance = _variances(J, spread, run.mount_roll_sd)
     k, f = motion.keyframe, motion.fraction[:, None]
     span, h = (run.t[1:] - run.t[:-1])[k], motion.fraction
     bridge = span * h * (1.0 - h)
@@ -64,11 +77,26 @@ def trajectory_columns(
     between[:, 4] += np.einsum("mi,ij,mj->m", swung, covariance.of_shared[_SHARED_POINT, _SHARED_POINT], swung)
     between[:, 4] += 2.0 * np.sum((with_speed[k] * (1.0 - f) + with_speed[k + 1] * f) * swung, axis=1)
     between[:, 5:8] += gyro * bridge[:, None]
-    sigma = np.sqrt(between)
-    table = {"t_s": motion.t}
-    for name, values, sd in zip(QUANTITIES, columns, sigma.T, strict=True):
-        table |= {name: values, f"{name}_sd": sd}
-    return table
+    return np.stack([np.column_stack(columns), np.sqrt(between)], axis=2).reshape(len(motion.t), -1)
+
+
+def _by_kernel(
+    run: RunContext, motion: DenseMotion, states: States, covariance: Covariance, variance: Array, spread: Array
+) -> Array:
+    """Do as :func:`_by_arrays`, in ``kernels/quantities.cpp``."""
+    from trackfg.numerics import compiled
+
+    nav, out = motion.nav, np.empty((len(motion.t), len(_COLUMNS)))
+    moves = (nav.R, nav.p, nav.v, motion.gyro, motion.distance, motion.fraction, motion.gyro_span)
+    known = (run.t, run.noise.accel, run.noise.gyro, variance, spread[:, QUANTITIES.index("speed_mps"), _POINT])
+    of_point = covariance.of_shared[_SHARED_POINT, _SHARED_POINT]
+    compiled.trajectory_rows(
+        tuple(map(kernel_argument, moves)),
+        tuple(map(kernel_argument, known)),
+        *(kernel_argument(states.mount[0]), kernel_argument(run.lever_arm), float(run.direction)),
+        *(kernel_argument(of_point), np.ascontiguousarray(motion.keyframe, dtype=np.int64), out),
+    )
+    return out
 
 
 def calibration_table(response: Array, motion: DenseMotion, states: States, covariance: Covariance) -> pd.DataFrame:

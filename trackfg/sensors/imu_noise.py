@@ -213,6 +213,24 @@ class NoiseFloor:
         )
 
 
+def noise_seen(data: Intervals, t: Array, gyro: float, accel: float, excess: Array) -> WhiteNoise:
+    """Return the white noise between times ``t`` (m + 1,), s, as all samples of a record show it, at least as declared.
+
+    ``excess`` (6,): what is added to the densities squared that are seen, gyro first.
+    """
+    if not compiled_kernels():
+        return NoiseFloor.of(data).raised(excess).between(t, gyro, accel)
+    from trackfg.numerics import compiled
+
+    declared, variance = np.repeat([gyro, accel], 3) ** 2, np.empty((len(t) - 1, 6))
+    edges, rates, forces, times = map(kernel_argument, (data.edges, data.gyro, data.accel, t))
+    compiled.noise_seen(
+        *(edges, rates, forces, np.ascontiguousarray(data.bridged), block_length(data), data.usual_duration),
+        *(NOISE_LIMITS, declared, excess, CLEARLY, times, variance),
+    )
+    return WhiteNoise.of_variance(variance)
+
+
 @dataclass(frozen=True)
 class RestNoise:
     """Means over half a second at rest differ by ``off`` (k, 6), gyro first, from the median of their rest.

@@ -291,8 +291,8 @@ def _triangle(rows: Array) -> Array:
 
 
 def _determined(R: Array) -> bool:
-    diagonal = np.abs(np.diagonal(R, axis1=-2, axis2=-1))
-    return bool((diagonal > _INDETERMINATE * np.linalg.norm(R, axis=-2)).all())
+    diagonal, squares = np.abs(np.diagonal(R, axis1=-2, axis2=-1)), np.einsum("...ij,...ij->...j", R, R)
+    return bool((diagonal > _INDETERMINATE * np.sqrt(squares)).all())
 
 
 @lru_cache

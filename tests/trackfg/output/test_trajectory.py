@@ -104,6 +104,7 @@ def moved(states: States, column: int, step: float) -> States:
     return States(*(parts[kind] for kind in (Kind.NAV, Kind.BIAS, Kind.ODO, *SHARED)))  # type: ignore[arg-type]
 
 
+@pytest.mark.usefixtures("kernels")
 def test_sigmas_equal_numerical_propagation(states: States, gyro: np.ndarray, covariance: Covariance) -> None:
     step = 1e-6
     J = np.zeros((N, len(QUANTITIES), DIM))
@@ -122,6 +123,7 @@ def test_sigmas_equal_numerical_propagation(states: States, gyro: np.ndarray, co
     np.testing.assert_allclose(table[[f"{q}_sd" for q in QUANTITIES]].to_numpy(), np.sqrt(numeric), rtol=1e-6)
 
 
+@pytest.mark.usefixtures("kernels")
 def test_variance_is_interpolated_between_keyframes(states: States, gyro: np.ndarray, covariance: Covariance) -> None:
     variance = keyframe_variances(states, covariance, LEVER)
     keyframes = replace(at_keyframes(states, gyro), gyro=np.zeros((N, 3)))
@@ -138,6 +140,7 @@ def test_variance_is_interpolated_between_keyframes(states: States, gyro: np.nda
     np.testing.assert_allclose(table[[f"{q}_sd" for q in QUANTITIES]].to_numpy()[:-1] ** 2, expected, rtol=1e-12)
 
 
+@pytest.mark.usefixtures("kernels")
 def test_speed_has_the_noise_of_its_row_s_body_rate(states: States, gyro: np.ndarray) -> None:
     rng, span = np.random.default_rng(11), 0.02
     certain = Covariance.of_marginals(np.zeros((N, DIM, DIM)), np.zeros((N - 1, DIM, DIM)))
@@ -155,6 +158,22 @@ def test_the_kernel_differentiates_as_numpy_does(
     np.testing.assert_allclose(ours, theirs, atol=1e-13)
 
 
+def test_the_kernel_makes_rows_as_numpy_does(
+    states: States, gyro: np.ndarray, covariance: Covariance, with_both: Callable[[Callable[[], Any]], tuple[Any, Any]]
+) -> None:
+    """Of rows between keyframes, of noise that differs by axis and interval, of chainage that falls."""
+    random, at = np.random.default_rng(3), at_keyframes(states, gyro)
+    k, fraction = np.array([0, 0, 2, 4, 5, 5]), np.array([0.0, 0.3, 0.5, 0.9, 0.2, 1.0])
+    motion = DenseMotion(
+        k + fraction, at.nav[:6], at.distance[:6], gyro[:6], np.full(6, 0.02), k, fraction, np.array([1.0, 0.0, 0.0])
+    )
+    noise = WhiteNoise(1e-3 * random.uniform(1.0, 2.0, (N - 1, 3)), random.uniform(0.1, 0.2, (N - 1, 3)))
+    run: Any = SimpleNamespace(**{**vars(RUN), "noise": noise, "direction": -1})
+    ours, theirs = with_both(lambda: trajectory_table(run, motion, states, covariance))
+    pd.testing.assert_frame_equal(ours, theirs, rtol=1e-10, atol=1e-12)
+
+
+@pytest.mark.usefixtures("kernels")
 def test_unknown_roll_of_the_mounting_is_in_the_sigma_of_roll_alone(
     states: States, gyro: np.ndarray, covariance: Covariance
 ) -> None:
@@ -165,6 +184,7 @@ def test_unknown_roll_of_the_mounting_is_in_the_sigma_of_roll_alone(
     pd.testing.assert_frame_equal(unknown.drop(columns="roll_rad_sd"), surveyed.drop(columns="roll_rad_sd"))
 
 
+@pytest.mark.usefixtures("kernels")
 def test_place_is_that_of_the_reference_point_and_speed_that_of_the_point_on_the_track(
     states: States, gyro: np.ndarray, covariance: Covariance
 ) -> None:
@@ -178,11 +198,13 @@ def test_place_is_that_of_the_reference_point_and_speed_that_of_the_point_on_the
     np.testing.assert_allclose(table["speed_mps"], body @ mount_matrix(states.mount)[0][:, 0])
 
 
+@pytest.mark.usefixtures("kernels")
 def test_backing_up_is_negative_speed(states: States, gyro: np.ndarray, covariance: Covariance) -> None:
     backwards = replace(states, nav=replace(states.nav, v=-states.nav.v))
     assert (quantities(backwards, -gyro, covariance)["speed_mps"] < 0).all()
 
 
+@pytest.mark.usefixtures("kernels")
 def test_attitude_is_that_of_the_vehicle_not_of_the_sensor(
     states: States, gyro: np.ndarray, covariance: Covariance
 ) -> None:
@@ -197,6 +219,7 @@ def test_attitude_is_that_of_the_vehicle_not_of_the_sensor(
     assert (np.abs(rpy[:, 2]) <= np.pi).all()
 
 
+@pytest.mark.usefixtures("kernels")
 def test_falling_chainage(states: States, gyro: np.ndarray, covariance: Covariance) -> None:
     up, down = (quantities(states, gyro, covariance, direction) for direction in (1, -1))
     np.testing.assert_array_equal(down["chainage_m"], -up["chainage_m"])

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from trackfg.sensors.imu_intervals import Intervals
-from trackfg.sensors.imu_noise import NoiseFloor, WhiteNoise
+from trackfg.sensors.imu_noise import NoiseFloor, WhiteNoise, noise_seen
 
 RATE_HZ = 100.0
 GYRO, ACCEL = 1e-4, 1e-3
@@ -147,6 +147,9 @@ def test_the_kernel_finds_what_numpy_does(
         bridged[count // 5 : count // 5 + 4] = True
     data = Intervals(edges, gyro, accel, bridged)
     ours, theirs = with_both(lambda: NoiseFloor.of(data))
+    edges, excess = edges[[0, count // 3, count]], np.array([0.0, GYRO**2, 0.0, 0.0, 0.0, 1e-4])
+    seen, theirs_seen = with_both(lambda: noise_seen(data, edges, GYRO, ACCEL, excess).variance)
+    np.testing.assert_allclose(seen, theirs_seen, rtol=1e-11)
     assert (ours.lost_t.size > 0, ours.shock_t.size > 0) == (faulty, faulty)
     for found, expected in zip(astuple(ours), astuple(theirs), strict=True):
         np.testing.assert_allclose(found, expected, rtol=1e-11, atol=0.0)

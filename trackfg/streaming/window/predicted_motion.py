@@ -14,7 +14,7 @@ import numpy as np
 from trackfg.factors.imu import Preintegration, PreintegrationNoise
 from trackfg.factors.states import Kind, Nav, States
 from trackfg.graph.inertial import INCREMENT_S, preintegrated
-from trackfg.graph.inputs import RATE_WINDOW_S, GraphInputs
+from trackfg.graph.inputs import RATE_WINDOW_S, GraphInputs, declared_noise
 from trackfg.graph.motion import turned
 from trackfg.graph.wheel_slip import Rolling
 from trackfg.numerics.arrays import Array
@@ -131,12 +131,11 @@ def _by_kernel(
 
 def _setting(context: StreamContext, dt: float, excess: Array) -> Array:
     """Return the numbers that ``Setting`` in ``kernels/prediction.cpp`` names; ``dt``: usual time of a sample, s."""
-    world, imu, level = context.world, context.description.imu, context.config.noise
-    bridge, position = _bridge(context), PreintegrationNoise.position
-    gyro, accel = (imu.noise.gyro_white * level.gyro) ** 2, (imu.noise.accel_white * level.accel) ** 2
+    world, bridge, position = context.world, _bridge(context), PreintegrationNoise.position
+    gyro, accel = (density**2 for density in declared_noise(context.description, context.config))
     return np.array([
         *(dt, CLEARLY, world.gravity, *world.earth_rate.tolist(), EARTH_RADIUS, RATE_WINDOW_S, AT_REST_M, position),
-        *(*imu.lever_arm_m, gyro, gyro, gyro, accel, accel, accel, *excess.tolist()),
+        *(*context.description.imu.lever_arm_m, gyro, gyro, gyro, accel, accel, accel, *excess.tolist()),
         *(*bridge.gyro.tolist(), *bridge.accel.tolist()),
     ])  # fmt: skip
 

@@ -8,13 +8,13 @@ from functools import cached_property
 import numpy as np
 
 from trackfg.config import SmoothConfig
-from trackfg.graph.inputs import World, assumed_noise
+from trackfg.graph.inputs import World, declared_noise
 from trackfg.graph.run_context import RunContext, geometry_conventions
 from trackfg.numerics.arrays import Array
 from trackfg.recording.description import RecordingDescription
 from trackfg.results.summary import GeometryConventions
 from trackfg.sensors.imu_intervals import Intervals
-from trackfg.sensors.imu_noise import NoiseFloor, WhiteNoise
+from trackfg.sensors.imu_noise import WhiteNoise, noise_seen
 from trackfg.streaming.window.noise_record import NoiseRecord
 
 
@@ -40,7 +40,7 @@ class StreamContext:
     def run_of(self, t: Array, data: Intervals, noise: NoiseRecord) -> RunContext:
         """Return the context of keyframes at ``t`` (n,), on edges of the inertial ``data``, with the recorded noise."""
         levels = noise.at(t[:-1])
-        assumed = assumed_noise(self.description, self.config, NoiseFloor.of(data).raised(noise.excess), t)
+        assumed = noise_seen(data, t, *declared_noise(self.description, self.config), noise.excess)
         return RunContext(
             t=t,
             edges=np.searchsorted(data.edges, t - 1e-9),
