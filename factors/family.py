@@ -84,18 +84,21 @@ class Family(Outlined):
     """What reports call it, if not by its type."""
 
     def __post_init__(self) -> None:
-        indices = ((f"slot {slot.kind.name}", slot.index) for slot in self.slots)
-        for what, given in (("sigma", self.sigma), *self.data.items(), *indices):
-            if not isinstance(given, np.ndarray):
-                raise TypeError(f"{self.name}: {what} is a {type(given).__name__}; expected an array of numpy")
-        m = len(self)
+        self._check_array("sigma", self.sigma)
+        m = len(self.sigma)
+        for what, given in self.data.items():
+            self._check_array(what, given)
+            if len(given) != m or not _finite(given):
+                raise ValueError(f"{self.name}: measurements must be finite, {m} rows; got shape {given.shape}")
         for slot in self.slots:
+            self._check_array(f"slot {slot.kind.name}", slot.index)
             if slot.index.shape != (m,):
                 raise ValueError(f"{self.name}: slot {slot.kind.name} has {slot.index.shape}, expected ({m},)")
-        for array in self.data.values():
-            if len(array) != m or not _finite(array):
-                raise ValueError(f"{self.name}: measurements must be finite, {m} rows; got shape {array.shape}")
         self._check_sigma()
+
+    def _check_array(self, what: str, given: object) -> None:
+        if not isinstance(given, np.ndarray):
+            raise TypeError(f"{self.name}: {what} is a {type(given).__name__}; expected an array of numpy")
 
     def _check_sigma(self) -> None:
         if self.sigma.ndim != 2 or not (_finite(self.sigma) and (self.sigma > 0).all()):

@@ -70,7 +70,7 @@ def non_holonomic(index: np.ndarray, angular_rate: Array, lever_arm: Array, sigm
     ``w`` (m, 3) the body's angular rate at the keyframe, rad/s, bias removed: the gyro's remaining error times the
     lever arm is far below any sigma used here. sigma (m, 2), m/s.
     """
-    data = {"angular_rate": angular_rate, "lever_arm": np.tile(lever_arm, (len(index), 1))}
+    data = {"angular_rate": angular_rate, "lever_arm": lever_arm[None].repeat(len(index), axis=0)}
     slots = (Slot(Kind.NAV, index), Slot(Kind.MOUNT, np.zeros_like(index)))
     return Family(FactorType.NON_HOLONOMIC, _sideways, slots, data, sigma, loss)
 

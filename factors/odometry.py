@@ -190,7 +190,7 @@ def arc_length(first: np.ndarray, lever_arm: Array, sigma: Array) -> Family:
         Slot(Kind.ODO, first + 1),
         Slot(Kind.MOUNT, np.zeros_like(first)),
     )
-    return Family(FactorType.ARC_LENGTH, _arc, slots, {"lever_arm": np.tile(lever_arm, (len(first), 1))}, sigma)
+    return Family(FactorType.ARC_LENGTH, _arc, slots, {"lever_arm": lever_arm[None].repeat(len(first), axis=0)}, sigma)
 
 
 @in_kernel(linear_rows("absolute_fix", "distance"))

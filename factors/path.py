@@ -125,5 +125,5 @@ def follows_path(
     one = np.zeros_like(first)
     slots = (Slot(Kind.NAV, first), Slot(Kind.NAV, first + 1), Slot(Kind.MOUNT, one), Slot(Kind.IMU, one))
     turned = _Turned(turn, mean, mean_by_time, _ahead_of_a_steady_turn(turn, mean, mean_by_time))
-    data = {**turned._asdict(), "lever_arm": np.tile(lever_arm, (len(first), 1))}
+    data = {**turned._asdict(), "lever_arm": lever_arm[None].repeat(len(first), axis=0)}
     return Family(FactorType.PATH, _path, slots, data, sigma, loss)

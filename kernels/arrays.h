@@ -106,6 +106,7 @@ PyObject *retract(PyObject *, PyObject *arguments);
 PyObject *step_from(PyObject *, PyObject *arguments);
 PyObject *quantities(PyObject *, PyObject *arguments);
 PyObject *trajectory_rows(PyObject *, PyObject *arguments);
+PyObject *hermite_at(PyObject *, PyObject *arguments);
 PyObject *switch_chain(PyObject *, PyObject *arguments);
 PyObject *spill(PyObject *, PyObject *arguments);
 PyObject *unspill(PyObject *, PyObject *arguments);

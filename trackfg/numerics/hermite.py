@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from trackfg.numerics.arrays import Array
+from trackfg.numerics.kernels import compiled_kernels, kernel_argument
 
 
 def hermite_weights(f: Array, T: Array) -> tuple[Array, Array, Array, Array]:
@@ -30,6 +31,14 @@ def hermite_at(t: Array, times: Array, places: Array, velocities: Array) -> Arra
     """Return the cubics between ``places`` (..., n) with ``velocities`` (..., n) at ascending ``times`` (n,), at ``t``
     (m,): shape (..., m).
     """
+    if compiled_kernels():
+        from trackfg.numerics import compiled
+
+        shape, n = places.shape[:-1], len(times)
+        out = np.empty((*shape, len(t)))
+        along, slopes = (kernel_argument(values).reshape(-1, n) for values in (places, velocities))
+        compiled.hermite_at(kernel_argument(t), kernel_argument(times), along, slopes, out.reshape(-1, len(t)))
+        return out
     i = np.clip(np.searchsorted(times, t, side="right") - 1, 0, len(times) - 2)
     T = times[i + 1] - times[i]
     w0, w1, u0, u1 = hermite_weights((t - times[i]) / T, T)
