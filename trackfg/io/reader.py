@@ -13,6 +13,7 @@ from pathlib import Path
 import pandas as pd
 
 from trackfg.checks import plausibility
+from trackfg.checks.clock_overlap import of_this_run
 from trackfg.checks.limits import CheckLimits
 from trackfg.errors import BadInputError
 from trackfg.files import atomic_folder
@@ -118,11 +119,11 @@ def load(path: Path | str, limits: CheckLimits | None = None) -> LoadedRecording
     if read.description is not None:
         findings += plausibility.start_doubts(read.description.start, toml.name)
     findings += plausibility.findings(read.parts, tables, toml.name, limits, gnss_origin)
-    tables = {name: plausibility.of_this_run(tables.get("imu"), table, limits) for name, table in tables.items()}
+    tables = {name: of_this_run(tables.get("imu"), table, limits) for name, table in tables.items()}
     for name, table in tables.items():
         findings += format_of(sensors[name]).doubts(sensors[name], Section(toml.name, name), table, limits)
     if balises is not None:
-        balises = plausibility.of_this_run(tables.get("imu"), balises, limits)
+        balises = of_this_run(tables.get("imu"), balises, limits)
     distinct = tuple(dict.fromkeys(findings))
     if read.description is None or set(tables) != set(sensors):
         return LoadedRecording(distinct)

@@ -11,6 +11,7 @@ import pandas as pd
 import pytest
 
 from trackfg.checks import plausibility
+from trackfg.checks.clock_overlap import of_this_run
 from trackfg.checks.contradictions import diagnose
 from trackfg.checks.diagnosis_silence import is_moving
 from trackfg.checks.diagnosis_wheel import receiver_speed_scale
@@ -277,9 +278,9 @@ def test_a_row_far_away_in_time_is_left_out(sound: Recording) -> None:
     assert sound.fixes is not None
     fixes = sound.fixes.copy()
     fixes.loc[len(fixes) - 1, "t_s"] = 1e300
-    left = plausibility.of_this_run(sound.imu, fixes, CheckLimits())
+    left = of_this_run(sound.imu, fixes, CheckLimits())
     pd.testing.assert_frame_equal(left, sound.fixes.iloc[:-1])
-    assert plausibility.of_this_run(sound.imu, fixes.iloc[-1:], CheckLimits()).shape == (1, fixes.shape[1])
+    assert of_this_run(sound.imu, fixes.iloc[-1:], CheckLimits()).shape == (1, fixes.shape[1])
 
 
 def test_a_short_start_is_seen_where_the_tach_shows_none() -> None:

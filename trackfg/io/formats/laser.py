@@ -5,6 +5,7 @@ from __future__ import annotations
 import pandas as pd
 
 from trackfg.checks.limits import CheckLimits
+from trackfg.checks.sizes import laser_findings
 from trackfg.io.formats.sensor_format import RowsAlone, SensorFormat, WrittenTable
 from trackfg.recording import canonical
 from trackfg.recording.description import Laser
@@ -34,9 +35,7 @@ class LaserFormat(SensorFormat[Laser]):
 
     def doubts(self, part: Laser, section: Section, table: pd.DataFrame, limits: CheckLimits) -> list[Finding]:
         """A unit that is off by 1000."""
-        from trackfg.checks import plausibility  # late: with SciPy's filters it takes as long as a batch's planning
-
-        return plausibility.laser_findings(part, section, table, limits)
+        return laser_findings(part, section, table, limits)
 
     def written(self, part: Laser, table: pd.DataFrame) -> WrittenTable:
         """Write metres."""

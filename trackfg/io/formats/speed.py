@@ -10,6 +10,7 @@ import pandas as pd
 
 from trackfg.checks.columns import ColumnPlace, negative_speed
 from trackfg.checks.limits import CheckLimits
+from trackfg.checks.sizes import speed_findings
 from trackfg.io.formats.sensor_format import Impossible, ReadColumns, RowsAlone, SensorFormat, WrittenTable
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.units import to_si
@@ -44,10 +45,8 @@ class SpeedFormat(SensorFormat[Speed]):
 
     def doubts(self, part: Speed, section: Section, table: pd.DataFrame, limits: CheckLimits) -> list[Finding]:
         """Speeds of no vehicle."""
-        from trackfg.checks import plausibility  # late: with SciPy's filters it takes as long as a batch's planning
-
         speed, hint = table["speed_mps"].to_numpy(), f"check {section.name}.unit"
-        return plausibility.speed_findings("speed-unit", speed, part, hint, limits)
+        return speed_findings("speed-unit", speed, part, hint, limits)
 
     def impossible(self, part: Speed, columns: Sequence[Array]) -> Impossible | None:
         """Speeds of no vehicle, and below zero although the sensor is declared unsigned."""

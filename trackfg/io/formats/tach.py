@@ -11,6 +11,7 @@ import pandas as pd
 
 from trackfg.checks.columns import ColumnPlace, falling, negative_speed
 from trackfg.checks.limits import CheckLimits
+from trackfg.checks.sizes import tach_findings
 from trackfg.io.formats.sensor_format import Converter, Impossible, ReadColumns, SensorFormat, WrittenTable
 from trackfg.numerics.arrays import Array
 from trackfg.recording import canonical
@@ -78,9 +79,7 @@ class TachFormat(SensorFormat[Tach]):
 
     def doubts(self, part: Tach, section: Section, table: pd.DataFrame, limits: CheckLimits) -> list[Finding]:
         """Speeds and wheels of no vehicle."""
-        from trackfg.checks import plausibility  # late: with SciPy's filters it takes as long as a batch's planning
-
-        return plausibility.tach_findings(part, section, table, limits)
+        return tach_findings(part, section, table, limits)
 
     def impossible(self, part: Tach, columns: Sequence[Array]) -> Impossible | None:
         """Speeds of no vehicle; what a count or a distance may do is known from row to row only."""

@@ -41,10 +41,11 @@ class GravityCheck:
         times = np.concatenate([part[:, 0] for part in self.waiting])
         if np.minimum(np.diff(times), _LONGEST_INTERVAL_S).sum() < FIRST_S:
             return
-        from trackfg.checks import plausibility  # late: with SciPy's filters it takes as long as many rows
+        # Late: with SciPy's filters it takes as long as many rows.
+        from trackfg.checks.inertial_units import gravity_findings
 
         table = pd.DataFrame(np.concatenate(self.waiting), columns=list(IMU_COLUMNS))
         self.waiting = None
-        if found := errors(plausibility.gravity_findings(imu, table, "description", self.limits)):
+        if found := errors(gravity_findings(imu, table, "description", self.limits)):
             place = "description" if found[0].file == "description" else "imu"
             raise BadInputError(f"the first {FIRST_S:g} s of the stream: {replace(found[0], file=place)}")
