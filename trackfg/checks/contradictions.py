@@ -20,18 +20,17 @@ from trackfg.checks.diagnosis_speed import Slope
 from trackfg.checks.diagnosis_wheel import WheelScale
 from trackfg.checks.imu_faults import without_imu_faults
 from trackfg.checks.limits import CheckLimits
+from trackfg.checks.receiver_speeds import receiver_speed_findings
+from trackfg.checks.sizes import is_ratio_of_units
 from trackfg.numerics import rotations
-from trackfg.numerics.units import KMH, KNOT, MPH, known_units, to_si
+from trackfg.numerics.units import KMH
 from trackfg.recording.antenna import with_antenna_named
-from trackfg.recording.description import GnssSpeed, Imu, Tach
+from trackfg.recording.description import Imu, Tach
 from trackfg.recording.findings import Finding
 from trackfg.recording.model import Recording
 from trackfg.sensors.tach import with_sense
 
 _TOML = "recording.toml"
-
-_UNIT_TOLERANCE = 0.1
-"""A ratio this near to that of two units is taken for it: wheel and sensor are never scaled as wrongly otherwise."""
 
 
 def diagnose(recording: Recording, limits: CheckLimits | None = None) -> tuple[Estimates, list[Finding]]:
@@ -69,9 +68,7 @@ def contradictions(recording: Recording, estimates: Estimates, limits: CheckLimi
         *_wheel(description.tach, estimates.wheel_scale_fixes, force, limits),
         *_wheel(description.tach, None if distorted else estimates.wheel_scale_gnss, force, limits),
         *with_antenna_named([] if distorted else _gnss(recording, estimates.positions, limits), description.gnss),
-        *receiver_speed_findings(
-            recording.description.gnss_speed, None if distorted else estimates.receiver_speed_scale, limits
-        ),
+        *receiver_speed_findings(description.gnss_speed, None if distorted else estimates.receiver_speed_scale, limits),
         *_fixes(recording, estimates.positions, limits),
         *_fix_order(recording),
     ]
@@ -236,7 +233,7 @@ _SURE_CORRELATION = 0.8
 def _rescaled(tach: Tach, scale: float) -> tuple[str, str]:
     """Return the key and the edit that multiply the tach's distance by ``scale``."""
     for unit, other, ratio in (("m/s", "km/h", KMH), ("km/h", "m/s", 1.0 / KMH), ("m", "mm", 1e-3), ("mm", "m", 1e3)):
-        if tach.unit == unit and abs(np.log(abs(scale) / ratio)) < _UNIT_TOLERANCE:
+        if tach.unit == unit and is_ratio_of_units(scale, ratio):
             return "tach.unit", f'the data look like {other}: set tach.unit = "{other}"'
     if tach.kind == "pulses" and tach.wheel_diameter_m is not None:
         diameter = tach.wheel_diameter_m * scale
@@ -292,7 +289,7 @@ def _wheel(tach: Tach | None, wheel: WheelScale | None, force: ForceFit | None, 
     is_tach = forward is None or forward.excludes(1.0 / limits.speed_scale, limits.speed_scale)
     if not is_tach and wheel.source == "fixes" and not 0.5 < wheel.scale < 2.0:
         message = f"chainage grows by {wheel.scale:.4g} m for each m of the tach, whose speeds fit the accelerometer"
-        what = "km: multiply them by 1000" if abs(np.log(wheel.scale * 1e3)) < _UNIT_TOLERANCE else "another unit"
+        what = "km: multiply them by 1000" if is_ratio_of_units(wheel.scale, 1e-3) else "another unit"
         return [_warning("fix-unit", message, "fixes.chainage", "1", f"chainages are in m; these look like {what}")]
     message = f"true distance is {wheel.scale:.5f} (sd {wheel.sd:.5f}) of the tach's, by {wheel.source}"
     if abs(np.log(wheel.scale)) > np.log(limits.speed_scale) and tach.kind != "pulses":
@@ -312,26 +309,6 @@ def _gnss(recording: Recording, positions: PositionFit, limits: CheckLimits) -> 
     message = f"positions come {delay.lag_s:+.2f} s (sd {delay.sd_s:.2f} s) after the motion that they show"
     hint = f"set gnss.time_offset_s = {gnss.time_offset_s - delay.lag_s:.2f}"
     return [_warning("gnss-delay", message, "gnss.time_offset_s", "0", hint)]
-
-
-_SPEED_UNITS = {"m/s": 1.0, "km/h": KMH, "kn": KNOT, "mph": MPH, "mm/s": 1e-3, "cm/s": 1e-2}
-"""Units in which receivers tell their speed, m/s: NMEA has knots, UBX mm/s."""
-
-
-def receiver_speed_findings(part: GnssSpeed | None, scale: WheelScale | None, limits: CheckLimits) -> list[Finding]:
-    """Return where a receiver's speeds contradict its positions, or the tach, by what another unit would make."""
-    if part is None or scale is None or abs(np.log(scale.scale)) < np.log(limits.speed_scale):
-        return []
-    true = to_si("speed", part.unit) * scale.scale
-    unit = min(_SPEED_UNITS, key=lambda name: abs(np.log(_SPEED_UNITS[name] / true)))
-    hint = f"check gnss_speed.unit; speeds must be multiplied by {scale.scale:.4g}"
-    if abs(np.log(_SPEED_UNITS[unit] / true)) < _UNIT_TOLERANCE:
-        edit = f"multiply them by {scale.scale:.4g}"
-        edit = f'set gnss_speed.unit = "{unit}"' if unit in known_units("speed") else edit
-        hint = f"the data look like {unit}: {edit}"
-    by = "the positions" if scale.source == "gnss" else "the tach"
-    message = f"the vehicle is {scale.scale:.3g} times as fast as the receiver says, by {by}"
-    return [_warning("gnss-speed-scale", message, "gnss_speed.unit", "about 1", hint)]
 
 
 def _mirrored(recording: Recording, positions: PositionFit, force: ForceFit | None) -> list[Finding]:
@@ -358,7 +335,7 @@ def _turns(recording: Recording, course: Slope | None) -> list[Finding]:
     message = f"the path of the positions turns {abs(course.value):.3g} times as far as the gyro shows"
     other, ratio = ("deg/s", np.radians(1.0)) if imu.gyro_unit == "rad/s" else ("rad/s", np.degrees(1.0))
     hint = "check the unit and the scale of the gyro"
-    if abs(np.log(abs(course.value) / ratio)) < _UNIT_TOLERANCE:
+    if is_ratio_of_units(course.value, ratio):
         hint = f'the data look like {other}: set imu.gyro_unit = "{other}"'
     return [_warning("gyro-scale", message, "imu.gyro_unit", "about 1", hint)]
 

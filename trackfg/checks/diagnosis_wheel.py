@@ -12,8 +12,8 @@ import numpy as np
 import pandas as pd
 
 from trackfg.numerics.arrays import Array
+from trackfg.numerics.integrals import trapezoid_integral
 from trackfg.numerics.robust import robust_sd
-from trackfg.sensors.averages import trapezoid_integral
 
 _MIN_CHORD_M = 100.0
 _MAX_TURN_RAD = 0.5
@@ -128,7 +128,7 @@ def receiver_speed_scale(
     if speeds is None or len(speeds) < 2:
         return None
     t, speed = speeds["t_s"].to_numpy(), speeds["speed_mps"].to_numpy()
-    driven = trapezoid_integral(0.5 * np.diff(t), speed)
+    driven = trapezoid_integral(t, speed)
     if gnss is not None:
         return scale_from_gnss(pd.DataFrame({"t_s": t, "distance_m": driven}), gnss)
     if tach is None or driven[-1] < _MIN_CHORD_M:

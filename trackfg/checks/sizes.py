@@ -10,6 +10,14 @@ from trackfg.numerics.arrays import Array
 from trackfg.recording.description import GnssSpeed, Laser, Speed, Tach
 from trackfg.recording.findings import Finding, Level, Section
 
+_UNIT_TOLERANCE = 0.1
+"""A ratio this near to that of two units is taken for it: wheel and sensor are never scaled as wrongly otherwise."""
+
+
+def is_ratio_of_units(scale: float, ratio: float) -> bool:
+    """Return whether a measured ``scale``, of any sign, is the ``ratio`` of two units."""
+    return bool(abs(np.log(abs(scale) / ratio)) < _UNIT_TOLERANCE)
+
 
 def unusual_size(level: Level, code: str, size_m: float, usual_m: tuple[float, float], key: Section) -> list[Finding]:
     """Return a finding where a size is outside of a usual range, both m; the hint is for millimetres."""

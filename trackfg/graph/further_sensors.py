@@ -31,11 +31,11 @@ from trackfg.graph.inputs import GraphInputs
 from trackfg.graph.odometry import creep_variance, response_of_wheels
 from trackfg.graph.wheel_slip import rolling
 from trackfg.numerics.arrays import Array
+from trackfg.numerics.integrals import trapezoid_integral
 from trackfg.numerics.spans import median_interval
 from trackfg.recording.canonical import pulse_m
 from trackfg.recording.description import FurtherTach, GnssSpeed, RecordingDescription, Speed, Table, Tach
 from trackfg.recording.model import GNSS_SPEED_TABLE, TACH_COLUMNS, Recording
-from trackfg.sensors.averages import trapezoid_integral
 from trackfg.sensors.tach import SPEED_NOISE_MPS, Wheel, longest_silence_s, read_resolution
 
 BEFORE_S = 1.0
@@ -105,7 +105,7 @@ def with_distance_by_speed(recording: Recording) -> Recording:
     times, speeds = np.concatenate([t, ends]), np.concatenate([speed, np.zeros(ends.size)])
     order = np.argsort(times, kind="stable")
     speed = np.interp(grid, times[order], speeds[order])
-    distance = trapezoid_integral(0.5 * np.diff(grid), speed)
+    distance = trapezoid_integral(grid, speed)
     tach = Tach(file="-", column="-", kind="speed", unit="m/s", signed=True)
     description = recording.description.model_copy(update={"tach": tach})
     table = pd.DataFrame(dict(zip(TACH_COLUMNS, (grid, distance), strict=True)))
@@ -199,7 +199,7 @@ def integrated(t: Array, speed: Array, at: Array, max_gap_s: float) -> tuple[np.
     interval_s, reach = median_interval(t), 0.5 * longest_s
     t = np.concatenate([[t[0] - reach], t, [t[-1] + reach]])
     speed = np.concatenate([speed[:1], speed, speed[-1:]])
-    total = trapezoid_integral(0.5 * np.diff(t), speed)
+    total = trapezoid_integral(t, speed)
     row = np.clip(np.searchsorted(t, at, side="right") - 1, 0, t.size - 2)
     within = total[row] + 0.5 * (at - t[row]) * (speed[row] + np.interp(at, t, speed))
     return _covered(t, at, longest_s), np.diff(within), interval_s

@@ -11,8 +11,8 @@ import numpy as np
 
 from trackfg.config import KeyframeConfig
 from trackfg.numerics.arrays import Array
+from trackfg.numerics.integrals import trapezoid_integral
 from trackfg.numerics.spans import nearest, within
-from trackfg.sensors.averages import trapezoid_integral
 
 TOO_CLOSE = 0.35
 """In phase: a regular keyframe nearer than this to a required one is dropped."""
@@ -24,7 +24,7 @@ def place_keyframes(
     """Return indices into ``edges`` (n + 1,), increasing, from 0 to n; ``speed`` (m,) is given at times ``t`` (m,)."""
     rate = np.maximum(1.0 / config.interval_s, np.abs(speed) / config.distance_m)
     rate = np.where(within(t, rests), 1.0 / config.interval_at_rest_s, rate)
-    phase = trapezoid_integral(0.5 * np.diff(t), rate)
+    phase = trapezoid_integral(t, rate)
     fixed = np.unique(np.concatenate([required, rests.ravel(), [edges[0], edges[-1]]]))
     fixed = fixed[(fixed >= edges[0]) & (fixed <= edges[-1])]
     fixed_phase = np.interp(fixed, t, phase)

@@ -13,6 +13,7 @@ import pandas as pd
 from scipy.ndimage import binary_erosion, gaussian_filter1d
 
 from trackfg.numerics.arrays import Array
+from trackfg.numerics.integrals import trapezoid_integral
 from trackfg.recording.model import IMU_COLUMNS
 
 _MOST_PER_SAMPLE = 10
@@ -52,8 +53,7 @@ def averaged(imu: pd.DataFrame, tach: pd.DataFrame | None, step_s: float) -> Mot
     if not 1 <= n <= _MOST_PER_SAMPLE * t.size:
         return None
     edges = begin + step * np.arange(n + 1)
-    half = 0.5 * np.diff(t)
-    integrals = (trapezoid_integral(half, imu[name].to_numpy()) for name in IMU_COLUMNS[1:])
+    integrals = (trapezoid_integral(t, imu[name].to_numpy()) for name in IMU_COLUMNS[1:])
     means = [np.diff(np.interp(edges, t, integral)) / step for integral in integrals]
     values = np.column_stack(means)
     valid = ~_touched(edges, t, max(0.5, 3.0 * interval))
@@ -62,16 +62,6 @@ def averaged(imu: pd.DataFrame, tach: pd.DataFrame | None, step_s: float) -> Mot
         speed = np.diff(np.interp(edges, tach_t, distance)) / step
         valid &= ~_touched(edges, tach_t, max(5.0, 5.0 * float(np.median(np.diff(tach_t)))))
     return Motion(edges[:-1] + 0.5 * step, step, values[:, :3], values[:, 3:], speed, valid)
-
-
-def trapezoid_integral(half_steps: Array, values: Array) -> Array:
-    """Return the integral of values (n,) from the first on by the trapezoid rule, from halves of the steps (n - 1,)."""
-    total = np.zeros(len(values))
-    steps = total[1:]
-    np.add(values[1:], values[:-1], out=steps)
-    steps *= half_steps
-    np.cumsum(steps, out=steps)
-    return total
 
 
 def _touched(edges: Array, t: Array, gap_s: float) -> np.ndarray:

@@ -17,9 +17,9 @@ from scipy.linalg import solve_banded
 from scipy.ndimage import gaussian_filter1d
 
 from trackfg.numerics.arrays import Array
+from trackfg.numerics.integrals import trapezoid_integral
 from trackfg.numerics.rotations import matrix_from_rpy
 from trackfg.recording.model import Recording
-from trackfg.sensors.averages import trapezoid_integral
 from trackfg.sensors.imu_intervals import Intervals, interpolate_columns, means_around
 from trackfg.sensors.starting_bias import GridMotion, StartingBias, starting_bias
 from trackfg.sensors.tach import Wheel
@@ -62,7 +62,7 @@ class InitialPath:
     def rolled(self, t: Array) -> Array:
         """Return the integral of the speed up to ``t``, m: the distance without the rounding of a count, shape (m,)."""
         speed = np.interp(t, self.t, self.speed)
-        return trapezoid_integral(0.5 * np.diff(t), speed)
+        return trapezoid_integral(t, speed)
 
     def velocity(self, t: Array) -> Array:
         """Velocity in n at ``t``, m/s, shape (m, 3)."""

@@ -17,9 +17,9 @@ from typing import Literal
 import numpy as np
 
 from trackfg.numerics.arrays import Array
+from trackfg.numerics.integrals import trapezoid_integral
 from trackfg.recording.description import Laser
 from trackfg.recording.model import Recording
-from trackfg.sensors.averages import trapezoid_integral
 
 Side = Literal["left", "right"]
 SIDES: tuple[Side, ...] = ("left", "right")
@@ -118,7 +118,7 @@ def _channel(recording: Recording, laser: Laser | None) -> Channel | None:
         return None
     table = recording.lasers[laser.name]
     t, d = table["t_s"].to_numpy(), table["displacement_m"].to_numpy()
-    return Channel(laser, t, d, trapezoid_integral(0.5 * np.diff(t), d))
+    return Channel(laser, t, d, trapezoid_integral(t, d))
 
 
 def unit_pairs(views: list[RailView]) -> Iterator[tuple[RailView, RailView]]:

@@ -14,10 +14,10 @@ import pandas as pd
 from scipy.ndimage import gaussian_filter1d
 
 from trackfg.numerics.arrays import Array
+from trackfg.numerics.integrals import trapezoid_integral
 from trackfg.numerics.key_figures import Outlined
 from trackfg.numerics.spans import median_interval, true_runs, within
 from trackfg.recording.model import IMU_COLUMNS, Recording
-from trackfg.sensors.averages import trapezoid_integral
 from trackfg.sensors.tach_rows import rows_are_pulses, tach_quantum_m
 
 SPEED_NOISE_MPS = 0.1
@@ -192,7 +192,7 @@ def _signed(t: Array, distance: Array, recording: Recording) -> Array:
     rolled = np.interp(grid, t, distance)
     speed = gaussian_filter1d(np.gradient(rolled, _GRID_S), 0.5 / _GRID_S)
     imu_t = recording.imu["t_s"].to_numpy()
-    integral = trapezoid_integral(0.5 * np.diff(imu_t), recording.imu[IMU_COLUMNS[4]].to_numpy())
+    integral = trapezoid_integral(imu_t, recording.imu[IMU_COLUMNS[4]].to_numpy())
     force = gaussian_filter1d(np.gradient(np.interp(grid, imu_t, integral), _GRID_S), 0.5 / _GRID_S)
     acceleration = np.gradient(speed, _GRID_S)
     movements = true_runs(speed > CRAWL_MPS)

@@ -20,8 +20,8 @@ from dataclasses import replace
 import numpy as np
 
 from trackfg.numerics.arrays import Array
+from trackfg.numerics.integrals import trapezoid_integral
 from trackfg.numerics.spans import median_interval
-from trackfg.sensors.averages import trapezoid_integral
 from trackfg.sensors.tach import Wheel
 from trackfg.sensors.tach_rows import common_step
 
@@ -107,7 +107,7 @@ def _speed_at_steps(wheel: Wheel) -> Wheel:
     every = np.union1d(t, knots)
     every = every[np.diff(every, prepend=-np.inf) > _APART_S]
     smooth = np.interp(every, knots[order], values[order])
-    distance = trapezoid_integral(0.5 * np.diff(every), smooth)
+    distance = trapezoid_integral(every, smooth)
     interval = median_interval(t)
     lasted = np.where(value == 0.0, np.minimum(lasted, _BEFORE_A_REST_S), np.maximum(lasted, interval))
     late = np.minimum(quantum / lasted * interval, quantum) * _UNIFORM

@@ -11,9 +11,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from trackfg.checks.contradictions import receiver_speed_findings
 from trackfg.checks.diagnosis_wheel import receiver_speed_scale
 from trackfg.checks.limits import CheckLimits
+from trackfg.checks.receiver_speeds import receiver_speed_findings
 from trackfg.factors.factor_type import FactorType
 from trackfg.factors.family import Family
 from trackfg.factors.states import States

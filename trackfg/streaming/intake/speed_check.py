@@ -13,7 +13,9 @@ from dataclasses import dataclass, field
 import numpy as np
 import pandas as pd
 
+from trackfg.checks.diagnosis_wheel import receiver_speed_scale
 from trackfg.checks.limits import CheckLimits
+from trackfg.checks.receiver_speeds import receiver_speed_findings
 from trackfg.numerics.arrays import Array
 from trackfg.recording.description import GnssSpeed
 from trackfg.recording.model import GNSS_COLUMNS, GNSS_SPEED_COLUMNS, GNSS_SPEED_TABLE, TACH_COLUMNS
@@ -75,9 +77,6 @@ class SpeedCheck:
         self._compare(rows, part, report)
 
     def _compare(self, rows: Mapping[str, Array], part: GnssSpeed, report: LossReport) -> None:
-        from trackfg.checks.contradictions import receiver_speed_findings  # late: with SciPy's filters they take as
-        from trackfg.checks.diagnosis_wheel import receiver_speed_scale  # long as many rows
-
         frames = {name: pd.DataFrame(table, columns=list(_COLUMNS[name])) for name, table in rows.items()}
         speeds, gnss, tach = (frames.get(name) for name in _COLUMNS)
         if gnss is None and (tach is None or np.abs(np.diff(tach["distance_m"])).sum() < LEAST_ROLLED_M):
