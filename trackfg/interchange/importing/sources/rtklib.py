@@ -16,7 +16,6 @@ import pandas as pd
 from trackfg.errors import BadInputError, first_line
 from trackfg.interchange.importing.source_table import SourceTable
 from trackfg.interchange.importing.times import gps_ns
-from trackfg.numerics.arrays import Array
 
 SOLUTION = ".pos"
 """The suffix of these files."""
@@ -66,9 +65,9 @@ def _times_ns(date: pd.Series, clock: pd.Series, *, of_gps: bool) -> np.ndarray:
         if not of_gps:
             return np.asarray(ns)
         epoch = pd.Timestamp("1980-01-06").value
-        whole, rest = np.divmod(ns - epoch, 1_000_000_000)
-        return np.asarray(gps_ns(whole.astype(np.float64)) + rest)
-    seconds: Array = clock.astype(np.float64).to_numpy(np.float64)
-    whole: Array = np.floor(seconds)
+        since_epoch, rest = np.divmod(ns - epoch, 1_000_000_000)
+        return np.asarray(gps_ns(since_epoch.astype(np.float64)) + rest)
+    seconds = np.asarray(clock.astype(np.float64), dtype=np.float64)
+    whole = np.floor(seconds)
     in_week = gps_ns(np.asarray(date.astype(np.float64).to_numpy() * _WEEK_S + whole))
     return np.asarray(in_week + np.round((seconds - whole) * 1e9).astype(np.int64))
