@@ -24,7 +24,7 @@ from trackfg.results.columns import EVENT_COLUMNS, GEOMETRY_COLUMNS, TRAJECTORY_
 
 @pytest.fixture(scope="module")
 def two_seeds() -> Comparison:
-    return compare(cases_of(scenarios=["trolley"], seeds=2, duration_s=90.0))
+    return compare(cases_of(scenarios=["trolley"], seeds=2, duration_s=90.0), peers=False)
 
 
 def test_every_estimator_is_scored_by_what_it_is_for(two_seeds: Comparison) -> None:
@@ -36,7 +36,13 @@ def test_every_estimator_is_scored_by_what_it_is_for(two_seeds: Comparison) -> N
     assert {"twist_mm", "versine_level_mm", "along_track_m", "pitch_mrad"} <= set(scored[SMOOTHER])
     out = {one.estimator: one.reason for one in two_seeds.about.left_out}
     assert "lasers" in out["mid-chord"]
-    assert set(out) | set(scored.index) == set(estimators())
+    assert set(out) | set(scored.index) == set(estimators(peers=False))
+
+
+def test_peers_are_scored_beside_them() -> None:
+    beside = compare(cases_of(scenarios=["trolley"], seeds=1, duration_s=30.0))
+    left_out = {one.estimator for one in beside.about.left_out}
+    assert left_out | set(beside.scores["estimator"]) == set(estimators())
 
 
 def test_what_the_smoother_is_for(two_seeds: Comparison) -> None:
