@@ -20,6 +20,7 @@ from trackfg.factors.states import States
 from trackfg.numerics.units import KMH
 from trackfg.recording.findings import Finding
 from trackfg.recording.model import GNSS_SPEED_TABLE, Recording
+from trackfg.recording.receiver_epochs import held_findings, held_in
 from trackfg.results.verdict import Doubt, Quantity
 from trackfg.smoothing.reassessment import Reassessment, SolvedRun
 
@@ -77,6 +78,18 @@ _SENSORS = {
         "check imu.axes, the units of the IMU and the sign of the tachometer; trackfg check tells them apart",
     ),
 }
+
+
+def without_held_rows(recording: Recording) -> Recording:
+    """Return the recording without rows of its receiver that hold values of a row before, with a finding."""
+    held = held_in(recording)
+    if not held:
+        return recording
+    said = (replace(one, message=f"{one.message}; they are left out") for one in held_findings(held))
+    tables = {name: recording.tables[name][~rows].reset_index(drop=True) for name, rows in held.items()}
+    others = {name: tables.get(name, table) for name, table in recording.others.items()}
+    gnss = tables.get("gnss", recording.gnss)
+    return replace(recording, gnss=gnss, others=others, findings=(*recording.findings, *said))
 
 
 def without_contradicted_speeds(recording: Recording, limits: CheckLimits) -> Recording:

@@ -27,7 +27,6 @@ from trackfg.interchange.importing.balise_places import COLUMNS, planned_places
 from trackfg.interchange.importing.columns.receiver_state import RANGE_SD_M, range_sd_m, without_position
 from trackfg.interchange.importing.columns.time_columns import time_columns, time_unit
 from trackfg.interchange.importing.mapping import BALISES, MappedSensor, Mapping, fits
-from trackfg.interchange.importing.receiver_epochs import held_rows
 from trackfg.interchange.importing.recorded_columns import in_plan, in_recorded_units
 from trackfg.interchange.importing.sample_stamps import repeated_rows, sorted_rows, spread_stamps, tick_s
 from trackfg.interchange.importing.source_table import ROW_NUMBER, SourceTable
@@ -39,6 +38,7 @@ from trackfg.io.writer import write_table
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.kilometrage import Kilometrage
 from trackfg.recording.findings import Finding, errors
+from trackfg.recording.receiver_epochs import held_rows
 
 _COLUMN_KEYS = {
     "imu": ("gyro", "accel"),

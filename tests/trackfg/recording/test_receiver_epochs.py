@@ -2,11 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
+import pandas as pd
 import pytest
 
-from trackfg.interchange.importing.receiver_epochs import held_rows
+from trackfg.checks.contradictions import diagnose
+from trackfg.datasets.scenarios import simulate
 from trackfg.numerics.arrays import Array
+from trackfg.recording.model import GNSS_SPEED_TABLE
+from trackfg.recording.receiver_epochs import held_in, held_rows
+from trackfg.smoothing.smoother import smooth
 
 END_S = 120.0
 
@@ -70,3 +77,35 @@ def test_speeds_alone_are_held_by_those_in_motion() -> None:
     speed[t < 30.0] = 0.0
     kept = ~held_rows(t, speed[:, None])
     assert np.count_nonzero(kept) == pytest.approx(END_S, rel=0.05)
+
+
+def test_a_recording_whose_table_holds_positions_is_smoothed_as_if_it_did_not() -> None:
+    run = simulate("mainline-gnss", seed=5, duration_s=120.0)
+    gnss = run.recording.gnss
+    assert gnss is not None
+    t = np.arange(gnss["t_s"].iloc[0], gnss["t_s"].iloc[-1], 0.1)
+    row = np.searchsorted(gnss["t_s"].to_numpy(), t + 1e-6) - 1
+    held = replace(run.recording, gnss=gnss.iloc[row].reset_index(drop=True).assign(t_s=t))
+
+    assert held_in(run.recording) == {}
+    _, findings = diagnose(held)
+    assert [finding.code for finding in findings if finding.code.endswith("held")] == ["gnss-held"]
+    once, again = (smooth(recording) for recording in (run.recording, held))
+    assert "gnss-held" in [finding.code for finding in again.summary.findings]
+    for name in ("east_m", "north_m"):
+        apart = (again.trajectory[name] - once.trajectory[name]).abs() / once.trajectory[f"{name}_sd"]
+        assert apart.iloc[: 10 * 110].max() < 0.5
+    np.testing.assert_allclose(again.trajectory["east_m_sd"], once.trajectory["east_m_sd"], rtol=0.3)
+
+
+def test_speeds_beside_held_positions_are_held_unless_they_change() -> None:
+    run = simulate("mainline-gnss", seed=5, duration_s=60.0)
+    gnss = run.recording.gnss
+    assert gnss is not None
+    moving = gnss[gnss["t_s"] > 35.0].iloc[np.repeat(np.arange(20), 5)].reset_index(drop=True)
+    moving["t_s"] = 36.0 + 0.2 * np.arange(len(moving))
+    speeds = pd.DataFrame({"t_s": moving["t_s"], "speed_mps": 10.0, "speed_sd_mps": 0.1})
+    held = held_in(replace(run.recording, gnss=moving, others={GNSS_SPEED_TABLE: speeds}))
+    assert np.count_nonzero(held[GNSS_SPEED_TABLE]) == np.count_nonzero(held["gnss"]) == 80
+    changing = speeds.assign(speed_mps=10.0 + 0.01 * np.arange(len(speeds)))
+    assert GNSS_SPEED_TABLE not in held_in(replace(run.recording, gnss=moving, others={GNSS_SPEED_TABLE: changing}))
