@@ -6,17 +6,12 @@ command needs is imported when it runs, so that ``--help`` and ``--version`` ans
 
 from __future__ import annotations
 
-import _thread
 import os
-import sys
-import threading
 import tomllib
-import warnings
-from contextlib import suppress
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, TextIO
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -24,8 +19,8 @@ from trackfg import __version__
 from trackfg.cli.balises import balises
 from trackfg.cli.batch import batch
 from trackfg.cli.browse.command import browse
+from trackfg.cli.exits import exit_statuses
 from trackfg.cli.exporting import export
-from trackfg.cli.freed_memory import keep_freed_memory, leave_the_rest
 from trackfg.cli.importing import import_recording, init
 from trackfg.cli.maps import maps
 from trackfg.cli.options import (
@@ -42,9 +37,11 @@ from trackfg.cli.options import (
     limit_choice,
     newest_map,
     out_file,
+    refuse_inside,
     with_options,
 )
 from trackfg.cli.overlay import overlay
+from trackfg.cli.plotting import plot
 from trackfg.cli.sensors.noise import noise
 from trackfg.cli.smoothing.options import SmoothOptions
 from trackfg.cli.smoothing.settings import config
@@ -63,113 +60,22 @@ from trackfg.cli.terminal import (
     titled,
     working,
 )
-from trackfg.errors import BadInputError, TrackfgError, counted, first_line, printable
+from trackfg.errors import BadInputError
 from trackfg.files.atomic_folder import real_path
 
 if TYPE_CHECKING:
-    from trackfg.geometry.limits import LimitChoice
-    from trackfg.plots.strip_chart import LimitLine
     from trackfg.results.result import Result
 
 app = Commands()
 RecordingFolder = Annotated[Path, typer.Argument(metavar="REC", help="Folder of the recording.")]
 _NOT_TO_BE_TRUSTED = 3
 """Exit status of a command that wrote what is not to be trusted."""
-_INTERRUPTED = 130
-"""Exit status after Ctrl-C, as shells count it: 128 and the number of the signal."""
 
 
 def main() -> None:
-    """Run the command line; errors that the user can act on become one line on standard error."""
-    keep_freed_memory()
-    _open_closed_streams()
-    sys.unraisablehook = _interrupt_again
-    warnings.filterwarnings("ignore", category=RuntimeWarning)  # numpy's, of numbers: those of a result are checked
-    try:
-        try:
-            app(prog_name="trackfg")
-        except Exception as error:
-            if _is_interrupted(error):
-                raise SystemExit(_INTERRUPTED) from error
-            raise
-        finally:
-            _flush_output()
-            leave_the_rest()
-    except BadInputError as error:
-        _fail(error, status=2)
-    except TrackfgError as error:
-        _fail(error, status=1)
-    except OSError as error:
-        _fail(_sentence(error), status=1)
-    except MemoryError as error:
-        _fail(f"out of memory ({first_line(error)}). Hint: {_LESS_MEMORY}", status=1)
-    except RuntimeError as error:
-        if str(error) != _NO_THREAD:
-            raise
-        _fail(f"out of memory or of processes ({_NO_THREAD}). Hint: {_LESS_MEMORY}", status=1)
-    except ImportError as error:
-        if isinstance(error, ModuleNotFoundError) and error.name not in sys.stdlib_module_names:
-            raise
-        hint = "Hint: allow more open files, or free memory"
-        _fail(f"{first_line(error)}: a part of Python or of a library cannot be opened. {hint}", status=1)
-
-
-def _interrupt_again(ignored: sys.UnraisableHookArgs) -> None:
-    """Raise Ctrl-C anew where it came within a finaliser or a callback of the garbage collector: Python ignores what
-    these raise, and the command would go on. A thread does it, after the finaliser has returned.
-    """
-    if issubclass(ignored.exc_type, KeyboardInterrupt):
-        threading.Timer(0.05, _thread.interrupt_main).start()
-    else:
-        sys.__unraisablehook__(ignored)
-
-
-def _is_interrupted(error: BaseException) -> bool:
-    """Return whether Ctrl-C is behind the error: compiled libraries turn it into a failure of their import."""
-    origin = error.__cause__ or error.__context__
-    return isinstance(error, KeyboardInterrupt) or (origin is not None and _is_interrupted(origin))
-
-
-_NO_THREAD = "can't start new thread"
-"""What Python says where the system gives a thread no stack."""
-_LESS_MEMORY = "free memory, or cut the recording into parts (docs/performance.md says what a run takes)"
-
-
-def _open_closed_streams() -> None:
-    """Give standard streams that were closed by the caller (``2>&-``) a place where nothing is kept."""
-    for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
-        if getattr(sys, name) is None:
-            setattr(sys, name, open(os.devnull, mode))  # noqa: SIM115  (for as long as the process runs)
-
-
-def _flush_output() -> None:
-    """Write what standard streams still hold; where it cannot be written (a full disk), nothing is left to be tried."""
-    for output in (sys.stdout, sys.stderr):
-        try:
-            output.flush()
-        except OSError:
-            _discard(output)
-            raise
-
-
-def _discard(stream: TextIO) -> None:
-    """Let go of what a stream holds, which Python would try to write at the end, and exit with a status of its own."""
-    os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
-
-
-def _sentence(error: OSError) -> str:
-    """Return the file and why the system refused it."""
-    if error.strerror is None:
-        return str(error)
-    return error.strerror if error.filename is None else f"{os.fsdecode(error.filename)}: {error.strerror}"
-
-
-def _fail(error: Exception | str, status: int) -> None:
-    try:
-        complain(f"trackfg: {printable(str(error))}")
-    except OSError:
-        _discard(sys.stderr)
-    raise SystemExit(status)
+    """Run the command line."""
+    with exit_statuses():
+        app(prog_name="trackfg")
 
 
 def _print_version(wanted: bool) -> None:
@@ -423,44 +329,7 @@ def compare(options: CompareOptions) -> None:
     next_step(f"trackfg report {options.out}")
 
 
-@app.command(example="trackfg plot out1 --from 12000 --to 14000 -o chart.html", loads="trackfg.plots.strip_chart")
-def plot(
-    result: ResultFolder,
-    out: Annotated[Path | None, out_file("Picture: .png, .svg or .html. OUT.png if absent.")] = None,
-    first: Annotated[
-        str | None, typer.Option("--from", metavar="M", help="First chainage, m, or official place, 12+345.")
-    ] = None,
-    last: Annotated[
-        str | None, typer.Option("--to", metavar="M", help="Last chainage, m, or official place, 12+345.")
-    ] = None,
-    limits: Limits = None,
-    level: Level = None,
-    line_speed: LineSpeed = None,
-) -> None:
-    """Draw the strip chart of a result: its geometry over chainage, with bands of 95 %.
-
-    Of a result without track geometry the trajectory over time is drawn.
-    """
-    from trackfg.plots.draw import picture_path
-    from trackfg.plots.strip_chart import plot_geometry
-    from trackfg.plots.trajectory_chart import plot_trajectory
-    from trackfg.results.result import Result
-
-    folder = real_path(result)
-    path = picture_path(out or folder.parent / f"{folder.name}.png")
-    _refuse_inside(result, path)
-    content = Result.read(result)
-    choice = limit_choice(limits, level, line_speed)
-    from_m, to_m = _range(content, first, last)
-    if content.geometry.empty and choice is None and from_m is None and to_m is None:
-        with working("chart"):
-            plot_trajectory(content, path)
-        tell(f"chart of the trajectory, since there is no track geometry: {path}")
-        return
-    lines = _limit_lines(content, choice)
-    with working("chart"):
-        plot_geometry(content, path, from_m=from_m, to_m=to_m, limits=lines)
-    tell(f"chart: {path}")
+app.command(example="trackfg plot out1 --from 12000 --to 14000 -o chart.html", loads="trackfg.plots.strip_chart")(plot)
 
 
 @app.command(
@@ -487,7 +356,7 @@ def limits(
     from trackfg.results.result import Result
 
     if out is not None:
-        _refuse_inside(result, out)
+        refuse_inside(result, out)
     chosen = LimitChoice(source, level).table()
     with working("limits"):
         content = Result.read(result)
@@ -539,57 +408,6 @@ def report(asked: ReportOptions) -> None:
     if asked.recording is not None and is_without_truth(asked.recording):
         note(f"trackfg: note: {asked.recording}: has no [truth]: the page shows no errors")
     tell(f"report: {page}")
-
-
-def _refuse_inside(result: Path, path: Path) -> None:
-    if real_path(path).parent == real_path(result):
-        raise BadInputError(f"{path}: lies in the result, which holds nothing but its own files: choose another place")
-
-
-def _limit_lines(result: Result, choice: LimitChoice | None) -> list[LimitLine]:
-    from trackfg.plots.strip_limits import limit_lines
-
-    if choice is None:
-        return []
-    lines, left_out = limit_lines(result, choice.table(), choice.line_speed_kmh)
-    for reason, number in left_out.items():
-        complain(f"trackfg: warning: {counted(number, 'limit')} not drawn: {reason}")
-    return lines
-
-
-def _range(result: Result, first: str | None, last: str | None) -> tuple[float | None, float | None]:
-    """Return the chainages of ``--from`` and ``--to``, m: bare numbers, or official places of the result's line.
-
-    Two places may be in either order, since they may fall along the run.
-    """
-    from_m, to_m = _chainage(result, "--from", first), _chainage(result, "--to", last)
-    if from_m is None or to_m is None or _number(first) is not None or _number(last) is not None:
-        return from_m, to_m
-    return min(from_m, to_m), max(from_m, to_m)
-
-
-def _number(text: str | None) -> float | None:
-    """Return the number that an option states; None where it is absent or states something else."""
-    with suppress(ValueError):
-        return None if text is None else float(text)
-    return None
-
-
-def _chainage(result: Result, option: str, text: str | None) -> float | None:
-    """Return the chainage that an option states, m, by a bare number or by an official place of the result's line."""
-    from trackfg.results.official_places import shown_kilometrage
-
-    number = _number(text)
-    if text is None or number is not None:
-        return number
-    line = shown_kilometrage(result, None)
-    if line is None:
-        hint = "Hint: official places need [kilometrage] in the recording (docs/kilometrage.md)"
-        raise BadInputError(f"{option} {text}: expected a chainage in m, such as 12345. {hint}")
-    try:
-        return line.kilometrage().read(text)
-    except ValueError as error:
-        raise BadInputError(f"{option}: {error}") from error
 
 
 def _warn_unless_converged(result: Result) -> None:

@@ -21,6 +21,7 @@ from typer.core import TyperCommand, TyperGroup
 from trackfg.cli.freed_memory import without_collection
 from trackfg.cli.terminal import printed_as_json, set_quiet, working
 from trackfg.errors import BadInputError
+from trackfg.files.atomic_folder import real_path
 
 if TYPE_CHECKING:
     from trackfg.geometry.limits import LimitChoice
@@ -67,6 +68,12 @@ def _place_for_file(path: Path | None) -> Path | None:
         if path.is_dir():
             raise BadInputError(f"{path}: is a folder; expected a file")
     return path
+
+
+def refuse_inside(result: Path, path: Path) -> None:
+    """Refuse a file to be written within a result's folder."""
+    if real_path(path).parent == real_path(result):
+        raise BadInputError(f"{path}: lies in the result, which holds nothing but its own files: choose another place")
 
 
 def out_file(help_text: str, metavar: str = "FILE") -> Any:
