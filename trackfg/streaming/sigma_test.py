@@ -23,6 +23,7 @@ from trackfg.output.trajectory import QUANTITIES
 from trackfg.results.events import DOUBT, Event
 from trackfg.results.verdict import Quantity
 from trackfg.results.widening import QUANTITY_OF_COLUMN
+from trackfg.streaming.checkpoint.snapshot import DERIVED
 
 _LEAST_SHARE = 0.3
 """Least share of the filtered variance that the lag removes. Below it the sigmas are nearly equal, and estimates differ
@@ -59,6 +60,8 @@ class SigmaTest:
     sums: Array = field(default_factory=lambda: np.zeros((len(QUANTITIES), 3)))
     before: Array = field(default_factory=lambda: np.full(len(QUANTITIES), np.nan))
     lost: Span = (np.inf, np.inf)
+    _doubted: dict[str, bool] = field(default_factory=dict, metadata=DERIVED)
+    """What :meth:`doubts` has said of these sums, by column: it is asked with every batch of rows."""
 
     def put(self, filtered: pd.DataFrame, smoothed: pd.DataFrame) -> None:
         """Take the next rows of both tables, whose columns are those of a trajectory."""
@@ -71,6 +74,7 @@ class SigmaTest:
         t, first, last = self.waiting[:, 0], rows[0, 0], rows[-1, 0]
         matched = self.waiting[(t >= first) & (t <= last) & ((t <= self.lost[0]) | (t >= self.lost[1]))]
         self.waiting = self.waiting[t > last].copy()
+        self._doubted = {}
         for i in range(len(QUANTITIES)):
             self._add(i, _in_sigmas(matched, rows, 1 + 2 * i, is_angle=QUANTITIES[i].endswith("_rad")))
 
@@ -86,7 +90,9 @@ class SigmaTest:
 
     def doubts(self, column: str) -> bool:
         """Return whether the sigmas of a column of the trajectory are too small beyond chance so far."""
-        return self._ratio(QUANTITIES.index(column)) >= _LEAST_RATIO
+        if column not in self._doubted:
+            self._doubted[column] = self._ratio(QUANTITIES.index(column)) >= _LEAST_RATIO
+        return self._doubted[column]
 
     def _add(self, i: int, z: Array) -> None:
         if not z.size:
