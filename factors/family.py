@@ -149,6 +149,8 @@ class Family(Outlined):
 
     def shifted(self, by: int) -> Family:
         """Return the same factors on the keyframes that are ``by`` later."""
+        if not by:
+            return self
         slots = tuple(slot if slot.kind.shared else Slot(slot.kind, slot.index + by) for slot in self.slots)
         return self._with(slots=slots)
 
