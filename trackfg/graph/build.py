@@ -297,8 +297,8 @@ def _first_pass(
         found = rolling(wheel, data, floor, path, rests, world.gravity, config)
         if found.rolls.all():
             break
-        mended = pd.DataFrame({"t_s": found.wheel.t, "distance_m": found.wheel.distance})
-        recording = replace(recording, tach=mended)
+        corrected = pd.DataFrame({"t_s": found.wheel.t, "distance_m": found.wheel.distance})
+        recording = replace(recording, tach=corrected)
     return rests, path, found, wheel
 
 
