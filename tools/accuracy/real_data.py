@@ -4,7 +4,7 @@ KITTI comes with gtsam; Kingston and comma2k19 are read from a data folder and s
 uses the default settings with noise levels taken from the residuals (``[noise] adapt = true``); what differs is said in
 its row.
 
-    python tools/real_data.py [--data ../shared/data] [--only kitti kingston comma2k19]
+    python tools/real_data.py [--data ../shared/data] [--only kitti kingston kingston-outages comma2k19]
 """
 
 from __future__ import annotations
@@ -30,6 +30,11 @@ from trackfg.smoothing.smoother import smooth
 ADAPT = SmoothConfig(noise=NoiseConfig(adapt=True))
 OUTAGES: tuple[Span, ...] = tuple((start, start + 30.0) for start in (60.0, 150.0, 240.0, 330.0, 400.0))
 """Where the KITTI drive loses its positions, s after its start."""
+WANTED = ("kitti", "kingston", "kingston-outages", "comma2k19")
+START_S, END_S = 660.0, 60.0
+"""The Kingston drive has positions that long at its start, two minutes of motion included, and at its end, s."""
+OUTAGES_S = (300.0, 600.0)
+"""Lengths of its outages in between, s."""
 MULTIPATH = PositionConfig(gnss_correlation_s=30.0)
 
 
@@ -72,6 +77,31 @@ def score_kingston(folder: Path) -> None:
     _report_kingston("GPS only, not robust", gps, everything, blunt)
 
 
+def score_kingston_outages(folder: Path) -> None:
+    """Positions withheld once per run, outage after outage: one drive with one outage is too few errors for a ratio."""
+    run = kingston.load(folder, centre_speed=True)
+    gnss = run.recording.gnss
+    assert gnss is not None
+    for length_s in OUTAGES_S:
+        scores = []
+        for start in np.arange(START_S, gnss["t_s"].max() - END_S - length_s, length_s):
+            outage = (start, start + length_s)
+            kept, _ = withhold(gnss, (outage,))
+            result = smooth(replace(run.recording, gnss=kept), ADAPT)
+            reference = run.reference[run.reference["t_s"].between(*outage)]
+            errors = horizontal_errors(result.trajectory, reference, kingston.LEVER_ARM_M)
+            error_rms = rms(errors["error_m"])
+            scores.append((error_rms, error_rms / rms(errors["sd_m"])))
+            _print_outage(f"no positions from {start:.0f} to {start + length_s:.0f} s", scores[-1:])
+        _print_outage(f"{len(scores)} outages of {length_s:g} s", scores)
+        print()
+
+
+def _print_outage(which: str, scores: list[tuple[float, float]]) -> None:
+    size, ratio = map(rms, np.array(scores).T)
+    print(f"Kingston, {which}: rms {size:.2f} m, rms / sigma {ratio:.2f}")
+
+
 def _receiver_speeds(folder: Path) -> None:
     """Print what a receiver's speeds add, with a wheel and without one."""
     for tach in (True, False):
@@ -100,7 +130,7 @@ def _report_kingston(label: str, run: RealRun, kept: np.ndarray, config: SmoothC
     result = smooth(replace(run.recording, gnss=gnss[kept].reset_index(drop=True)), config)
     reference = run.reference
     if not kept.all():
-        reference = reference[(reference["t_s"] > 660.0) & (reference["t_s"] < gnss["t_s"].max() - 60.0)]
+        reference = reference[(reference["t_s"] > START_S) & (reference["t_s"] < gnss["t_s"].max() - END_S)]
     errors = horizontal_errors(result.trajectory, reference, kingston.LEVER_ARM_M)
     summary = result.summary
     roll, pitch, yaw = (_angle_error(result, reference, name) for name in ("roll_rad", "pitch_rad", "yaw_rad"))
@@ -153,10 +183,10 @@ def _score_comma2k19(run: RealRun, with_speeds: str) -> None:
 
 
 def ends(recording: Recording) -> np.ndarray:
-    """Which positions of the Kingston drive lie in its first 660 s or its last 60 s."""
+    """Which positions of the Kingston drive lie in its first :data:`START_S` or its last :data:`END_S`."""
     assert recording.gnss is not None
     t = recording.gnss["t_s"].to_numpy()
-    return (t < 660.0) | (t > t[-1] - 60.0)
+    return (t < START_S) | (t > t[-1] - END_S)
 
 
 def every(recording: Recording, interval_s: float) -> np.ndarray:
@@ -164,7 +194,7 @@ def every(recording: Recording, interval_s: float) -> np.ndarray:
     assert recording.gnss is not None
     t = recording.gnss["t_s"].to_numpy()
     kept = ends(recording)
-    for time in np.arange(660.0 + interval_s, t[-1] - 60.0, interval_s):
+    for time in np.arange(START_S + interval_s, t[-1] - END_S, interval_s):
         kept[np.argmin(np.abs(t - time))] = True
     return kept
 
@@ -185,15 +215,19 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     default = Path(__file__).resolve().parents[3] / "shared" / "data"
     parser.add_argument("--data", type=Path, default=default, help="folder with kingston/ and comma2k19/")
-    parser.add_argument("--only", nargs="+", choices=("kitti", "kingston", "comma2k19"))
+    parser.add_argument("--only", nargs="+", choices=WANTED)
     arguments = parser.parse_args()
-    wanted = arguments.only or ("kitti", "kingston", "comma2k19")
+    wanted = arguments.only or WANTED
     if "kitti" in wanted:
         score_kitti()
-    for name, score in (("kingston", score_kingston), ("comma2k19", score_comma2k19)):
+    for name, folder, score in (
+        ("kingston", "kingston", score_kingston),
+        ("kingston-outages", "kingston", score_kingston_outages),
+        ("comma2k19", "comma2k19", score_comma2k19),
+    ):
         if name not in wanted:
             continue
-        if (arguments.data / name).is_dir():
-            score(arguments.data / name)
+        if (arguments.data / folder).is_dir():
+            score(arguments.data / folder)
         else:
-            print(f"\n{name}: {arguments.data / name} is not there, skipped")
+            print(f"\n{name}: {arguments.data / folder} is not there, skipped")

@@ -491,7 +491,7 @@ class RunningWindow:
         """
         if not self.heading_known and self.damped_work >= _MOST_DAMPED:
             raise UnsolvableError(
-                f"{len(window)} keyframes have not told the heading: their rows contradict each other"
+                f"the heading is unknown after {len(window)} keyframes: their rows contradict each other"
             )
         solution = solve(window, self.context.config.solver)
         if not self.heading_known:
