@@ -39,7 +39,7 @@ from faults.inputs import make_inputs, run_sound
 _FOR_COMMANDS = (
     "trackfg.baselines.complementary",
     "trackfg.cli.main",
-    "trackfg.cli.map_tables",
+    "trackfg.cli.mapping.map_tables",
     "trackfg.cli.tables",
     "trackfg.comparison.run",
     "trackfg.datasets.scenarios",

@@ -22,8 +22,8 @@ from trackfg.errors import BadInputError
 from trackfg.geometry.resampling import resample
 from trackfg.geometry.twist import twist
 from trackfg.numerics.arrays import Array
+from trackfg.numerics.chainage.passes import Pass, passes
 from trackfg.numerics.geodesy import normal_gravity
-from trackfg.numerics.passes import Pass, passes
 from trackfg.numerics.units import STANDARD_GRAVITY
 from trackfg.recording.model import Recording
 from trackfg.results.columns import GEOMETRY_COLUMNS

@@ -7,7 +7,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from trackfg.checks import imu_channels
 from trackfg.checks.columns import ColumnPlace
 from trackfg.checks.diagnosis import Estimates, estimates_of
 from trackfg.checks.diagnosis_axes import AxesEstimate
@@ -18,7 +17,8 @@ from trackfg.checks.diagnosis_rest import NoiseDensity, StaticBias
 from trackfg.checks.diagnosis_silence import SilentSpan
 from trackfg.checks.diagnosis_speed import Slope
 from trackfg.checks.diagnosis_wheel import WheelScale
-from trackfg.checks.imu_faults import without_imu_faults
+from trackfg.checks.inertial import imu_channels
+from trackfg.checks.inertial.imu_faults import without_imu_faults
 from trackfg.checks.limits import CheckLimits
 from trackfg.checks.receiver_speeds import receiver_speed_findings
 from trackfg.checks.sizes import is_ratio_of_units

@@ -17,7 +17,7 @@ import pandas as pd
 
 from trackfg.evaluation.scores import PLACE, quantities
 from trackfg.numerics.arrays import Array
-from trackfg.numerics.passes import passes
+from trackfg.numerics.chainage.passes import passes
 from trackfg.numerics.splines import spline_at
 
 

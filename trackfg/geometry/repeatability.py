@@ -19,7 +19,7 @@ import pandas as pd
 from trackfg.errors import BadInputError
 from trackfg.geometry.statistics import section_statistics
 from trackfg.numerics.arrays import Array
-from trackfg.numerics.chainage_grid import cells_of, step_of
+from trackfg.numerics.chainage.chainage_grid import cells_of, step_of
 from trackfg.numerics.splines import spline_at
 
 ALIGNED_BY = ("twist_mm", "versine_level_mm")

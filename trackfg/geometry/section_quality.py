@@ -14,7 +14,7 @@ import pandas as pd
 
 from trackfg.geometry.statistics import section_statistics
 from trackfg.numerics.arrays import Array
-from trackfg.numerics.chainage_grid import step_of
+from trackfg.numerics.chainage.chainage_grid import step_of
 
 INDEX_CHANNELS = (
     "level_left_mm",

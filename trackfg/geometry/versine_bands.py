@@ -28,7 +28,7 @@ from trackfg.errors import BadInputError
 from trackfg.geometry.bands import BANDS, Band, band_response, band_variance
 from trackfg.geometry.convolution import convolve_runs, kernel_frequencies, kernel_of_response
 from trackfg.numerics.arrays import Array
-from trackfg.numerics.chainage_grid import cells_of
+from trackfg.numerics.chainage.chainage_grid import cells_of
 
 _LEAST_RESPONSE = 1e-5
 """Response of a band below which its waves are left out: a hundredth of a micrometre in a millimetre."""

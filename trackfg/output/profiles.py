@@ -17,7 +17,7 @@ from trackfg.factors.states import States
 from trackfg.geometry.resampling import FEWEST_SAMPLES, resample
 from trackfg.graph.run_context import RunContext
 from trackfg.numerics.arrays import Array
-from trackfg.numerics.passes import Pass, passes
+from trackfg.numerics.chainage.passes import Pass, passes
 from trackfg.output.dense_motion import DenseMotion
 from trackfg.output.profile_samples import Points
 from trackfg.sensors.displacement import Side

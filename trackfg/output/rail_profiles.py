@@ -16,7 +16,7 @@ from trackfg.geometry.curvature import heading_noise, heading_of_lateral, headin
 from trackfg.geometry.resampling import resample
 from trackfg.graph.run_context import RunContext
 from trackfg.numerics.arrays import Array
-from trackfg.numerics.passes import Pass, passes
+from trackfg.numerics.chainage.passes import Pass, passes
 from trackfg.numerics.spans import median_interval
 from trackfg.output.dense_motion import DenseMotion
 from trackfg.output.profiles import SHORTEST_PASS_M, Ascent, Profile, Shapes, View, lateral_of, profiles

@@ -17,7 +17,7 @@ import pandas as pd
 
 from trackfg.errors import BadInputError
 from trackfg.numerics.arrays import Array
-from trackfg.numerics.kilometrage import Kilometrage
+from trackfg.numerics.chainage.kilometrage import Kilometrage
 from trackfg.plots.curve_labels import curves, sense_and_radius
 from trackfg.plots.decimation import extremes
 from trackfg.plots.draw import drawn

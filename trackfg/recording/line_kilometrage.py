@@ -8,8 +8,8 @@ from typing import Annotated, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
-from trackfg.numerics.kilometrage import Kilometrage, KmPost, Stretch, between_posts, rescaled
-from trackfg.numerics.km_notation import KmNotation, metres_of
+from trackfg.numerics.chainage.kilometrage import Kilometrage, KmPost, Stretch, between_posts, rescaled
+from trackfg.numerics.chainage.km_notation import KmNotation, metres_of
 from trackfg.recording.strict_model import Model
 
 Direction = Literal["ascending", "descending"]

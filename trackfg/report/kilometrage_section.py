@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from trackfg.numerics.kilometrage import Jump
-from trackfg.numerics.km_notation import written_places
+from trackfg.numerics.chainage.kilometrage import Jump
+from trackfg.numerics.chainage.km_notation import written_places
 from trackfg.report.page import Block, Facts, PageSection, PageTable, TableRow, Text
 from trackfg.results.result import Result
 

@@ -13,7 +13,7 @@ import pandas as pd
 from trackfg.config import SmoothConfig
 from trackfg.evaluation.scores import PLACE
 from trackfg.geometry.exceedances import Judgement
-from trackfg.numerics.kilometrage import Kilometrage
+from trackfg.numerics.chainage.kilometrage import Kilometrage
 from trackfg.plots.strip_chart import LimitLine
 from trackfg.report.balise_section import balise_sections
 from trackfg.report.consistency import band_table, coverage_table, error_table, histograms, noise_bars

@@ -21,7 +21,7 @@ from trackfg.geometry.judged_quantities import ColumnLengths
 from trackfg.geometry.limits import Limit, at_line_speed
 from trackfg.geometry.versine_bands import with_long_bands
 from trackfg.geometry.versine_chords import with_further_chords
-from trackfg.numerics.chainage_grid import cells_of
+from trackfg.numerics.chainage.chainage_grid import cells_of
 from trackfg.results.official_places import shown_kilometrage, with_km
 from trackfg.results.result import Result
 from trackfg.results.verdict import NOT_TRUSTED, Quantity, untrusted, widening

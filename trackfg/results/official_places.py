@@ -14,7 +14,7 @@ from trackfg.recording.findings import Finding
 from trackfg.recording.line_kilometrage import LineKilometrage
 
 if TYPE_CHECKING:
-    from trackfg.numerics.kilometrage import Kilometrage
+    from trackfg.numerics.chainage.kilometrage import Kilometrage
     from trackfg.results.result import Result
 
 KM_COLUMN = "km"

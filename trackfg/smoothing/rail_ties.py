@@ -15,8 +15,8 @@ from trackfg.factors.rail import RailSightings, same_rail
 from trackfg.factors.states import States
 from trackfg.graph.build import Problem
 from trackfg.numerics.arrays import Array
+from trackfg.numerics.chainage.passes import Pass, passes
 from trackfg.numerics.hermite import hermite_weights
-from trackfg.numerics.passes import Pass, passes
 from trackfg.numerics.spans import within
 from trackfg.output.dense_motion import DenseMotion, dense_motion
 from trackfg.sensors.displacement import RailView, unit_pairs

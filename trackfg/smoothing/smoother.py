@@ -17,7 +17,7 @@ import numpy as np
 import pandas as pd
 
 from trackfg.checks.columns import memory_faults
-from trackfg.checks.imu_faults import without_imu_faults
+from trackfg.checks.inertial.imu_faults import without_imu_faults
 from trackfg.checks.limits import CheckLimits
 from trackfg.checks.tach_correction import TachCorrection, corrected_tach
 from trackfg.config import SmoothConfig

@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from trackfg.checks.imu_channels import findings
+from trackfg.checks.inertial.imu_channels import findings
 from trackfg.checks.limits import CheckLimits
 from trackfg.recording.canonical import imu_rotation
 from trackfg.recording.description import Imu

@@ -11,8 +11,8 @@ from typing import Any
 import pandas as pd
 import pytest
 
-from trackfg.cli import map_file
-from trackfg.cli.map_file import build_map_file
+from trackfg.cli.mapping import map_file
+from trackfg.cli.mapping.map_file import build_map_file
 from trackfg.errors import BadInputError
 from trackfg.io.reader import read_recording, write_recording
 from trackfg.maps import read_map, read_versions, write_map

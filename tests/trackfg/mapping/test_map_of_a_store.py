@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from trackfg.cli.map_file import FleetRuns, build_map_file
+from trackfg.cli.mapping.map_file import FleetRuns, build_map_file
 from trackfg.errors import BadInputError
 from trackfg.fleet.catalogue import Run
 from trackfg.fleet.key_figures import done_row, failed_row

@@ -15,7 +15,7 @@ import pandas as pd
 import pytest
 from rich.console import Console, RenderableType
 
-from trackfg.cli import map_tables
+from trackfg.cli.mapping import map_tables
 from trackfg.datasets.scenarios import simulate
 from trackfg.mapping.changes.changes import Changes
 from trackfg.maps import FeatureMap, read_map, read_versions, write_map

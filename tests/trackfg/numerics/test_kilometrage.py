@@ -7,7 +7,7 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from trackfg.numerics.kilometrage import Kilometrage, KmPost, Stretch, between_posts
+from trackfg.numerics.chainage.kilometrage import Kilometrage, KmPost, Stretch, between_posts
 
 CENTIMETRE = 0.01
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from trackfg.numerics.km_notation import metres_of, post_and_metres, resolution_m, written_places
+from trackfg.numerics.chainage.km_notation import metres_of, post_and_metres, resolution_m, written_places
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from trackfg.numerics.passes import Pass, passes
+from trackfg.numerics.chainage.passes import Pass, passes
 
 
 @pytest.mark.parametrize(

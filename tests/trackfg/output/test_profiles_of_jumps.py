@@ -7,7 +7,7 @@ from typing import cast
 import numpy as np
 import pytest
 
-from trackfg.numerics.passes import Pass
+from trackfg.numerics.chainage.passes import Pass
 from trackfg.output.dense_motion import DenseMotion
 from trackfg.output.profiles import Ascent
 

@@ -12,7 +12,7 @@ from trackfg.config import SmoothConfig
 from trackfg.datasets.scenarios import Simulation
 from trackfg.factors.factor_type import FactorType
 from trackfg.graph.build import Problem, build_problem
-from trackfg.numerics.passes import passes
+from trackfg.numerics.chainage.passes import passes
 from trackfg.recording.model import Recording
 from trackfg.sensors.displacement import rail_views, unit_pairs
 from trackfg.smoothing.rail_ties import with_rail_factors

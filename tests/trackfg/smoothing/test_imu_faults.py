@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from trackfg import smooth
-from trackfg.checks.imu_faults import without_imu_faults
+from trackfg.checks.inertial.imu_faults import without_imu_faults
 from trackfg.checks.limits import CheckLimits
 from trackfg.datasets.scenarios import simulate
 from trackfg.errors import UnsolvableError

@@ -20,7 +20,7 @@ from pydantic import Field
 from trackfg.errors import BadInputError
 from trackfg.files.small_file import read_toml, toml_of, validated
 from trackfg.numerics.arrays import Array
-from trackfg.numerics.km_notation import written_places
+from trackfg.numerics.chainage.km_notation import written_places
 from trackfg.recording.strict_model import Model
 from trackfg.results.official_places import KM_COLUMN
 

@@ -21,7 +21,7 @@ import pandas as pd
 
 from trackfg.geometry.bands import BANDS, Band, band_pass, band_variance
 from trackfg.numerics.arrays import Array
-from trackfg.numerics.chainage_grid import cells_of
+from trackfg.numerics.chainage.chainage_grid import cells_of
 
 _APART = {"level": "cross_level_mm", "alignment": "gauge_mm"}
 """How far the left rail is from the right one, upwards and sideways."""

@@ -14,8 +14,8 @@ from trackfg.interchange.importing.stations import read_stations
 from trackfg.recording.description import Balises
 
 if TYPE_CHECKING:
-    from trackfg.numerics.kilometrage import Kilometrage
-    from trackfg.numerics.km_notation import Bare
+    from trackfg.numerics.chainage.kilometrage import Kilometrage
+    from trackfg.numerics.chainage.km_notation import Bare
 
 COLUMNS = Balises(file="")
 """Names of columns that a mapping need not state, and that the recording gets."""

@@ -36,7 +36,7 @@ from trackfg.io.description_reader import FILE_NAME, FORMAT
 from trackfg.io.reader import LoadedRecording, load
 from trackfg.io.writer import write_table
 from trackfg.numerics.arrays import Array
-from trackfg.numerics.kilometrage import Kilometrage
+from trackfg.numerics.chainage.kilometrage import Kilometrage
 from trackfg.recording.findings import Finding, errors
 from trackfg.recording.receiver_epochs import held_rows
 

@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, field_validator
 
-from trackfg.numerics.km_notation import Bare
+from trackfg.numerics.chainage.km_notation import Bare
 from trackfg.recording.strict_model import Model
 from trackfg.results.columns import BAND_COLUMNS, GEOMETRY_COLUMNS, RAIL_COLUMNS
 

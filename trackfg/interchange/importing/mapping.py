@@ -21,8 +21,8 @@ from trackfg.interchange.importing.geometry_reading import GeometryOptions
 from trackfg.interchange.importing.text_dialect import DialectOptions
 from trackfg.interchange.importing.times import TimeNotation
 from trackfg.io.formats.registry import FORMATS
-from trackfg.numerics.kilometrage import Kilometrage
-from trackfg.numerics.km_notation import Bare
+from trackfg.numerics.chainage.kilometrage import Kilometrage
+from trackfg.numerics.chainage.km_notation import Bare
 from trackfg.recording.description import FurtherTach
 from trackfg.recording.line_kilometrage import LineKilometrage
 

@@ -35,7 +35,7 @@ from trackfg.interchange.importing.proposals.tach_proposal import propose_tach
 from trackfg.interchange.importing.source_table import SourceTable
 from trackfg.interchange.importing.stations import bare_unit, place_columns
 from trackfg.interchange.importing.times import is_zone
-from trackfg.numerics.km_notation import metres_of
+from trackfg.numerics.chainage.km_notation import metres_of
 
 FIX_SD_M = 1.0
 """Proposed for balises and posts without a sigma: a post is read off to about a metre."""

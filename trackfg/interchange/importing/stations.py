@@ -15,10 +15,10 @@ import pandas as pd
 from trackfg.errors import BadInputError, printable
 from trackfg.interchange.importing.source_table import SourceTable
 from trackfg.numerics.arrays import Array
-from trackfg.numerics.km_notation import LENGTHS, METRES_FROM_POST, METRES_PER, Bare, is_metres, metres_of
+from trackfg.numerics.chainage.km_notation import LENGTHS, METRES_FROM_POST, METRES_PER, Bare, is_metres, metres_of
 
 if TYPE_CHECKING:
-    from trackfg.numerics.kilometrage import Kilometrage
+    from trackfg.numerics.chainage.kilometrage import Kilometrage
 
 PlaceColumns = str | tuple[str, str]
 """The column of the place, or those of the kilometre or milepost and of the length from there."""

@@ -16,7 +16,7 @@ from pydantic import Field
 
 from trackfg.errors import BadInputError
 from trackfg.interchange.importing.columns.written_units import QUANTITIES, factor_of
-from trackfg.numerics.km_notation import metres_of
+from trackfg.numerics.chainage.km_notation import metres_of
 from trackfg.recording.strict_model import Model
 
 _SAMPLE_BYTES = 200_000

@@ -28,7 +28,7 @@ from trackfg.mapping.recognition.conventions import recognised_near
 from trackfg.mapping.recognition.warp import warped
 from trackfg.maps.feature_map import GRID_QUANTITIES, FeatureMap
 from trackfg.numerics.arrays import Array
-from trackfg.numerics.chainage_grid import cells_of
+from trackfg.numerics.chainage.chainage_grid import cells_of
 from trackfg.numerics.key_figures import Outlined
 
 Relation = Literal["extended", "reduced", "disjoint", "overlapping", "same"]

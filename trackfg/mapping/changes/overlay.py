@@ -14,7 +14,7 @@ import pandas as pd
 
 from trackfg.geometry.twist import twist
 from trackfg.numerics.arrays import Array
-from trackfg.numerics.chainage_grid import cells_of
+from trackfg.numerics.chainage.chainage_grid import cells_of
 from trackfg.numerics.splines import spline_through
 from trackfg.results.summary import GeometryConventions
 

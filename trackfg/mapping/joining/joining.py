@@ -31,7 +31,7 @@ from trackfg.mapping.recognition.recognition import Recognition
 from trackfg.mapping.recognition.warp import Warp, warped
 from trackfg.maps.feature_map import FeatureMap, MapConventions, RunInformation
 from trackfg.numerics.arrays import Array
-from trackfg.numerics.chainage_grid import multiples_between
+from trackfg.numerics.chainage.chainage_grid import multiples_between
 from trackfg.results.place_covariance import APART_M
 from trackfg.results.result import Result
 from trackfg.results.summary import RunFacts, Summary

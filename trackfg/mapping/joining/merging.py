@@ -12,7 +12,7 @@ import numpy as np
 import pandas as pd
 
 from trackfg.numerics.arrays import Array
-from trackfg.numerics.chainage_grid import cells_of, step_of
+from trackfg.numerics.chainage.chainage_grid import cells_of, step_of
 
 MERGED = ("curvature_1pm", "gradient_permille", "cross_level_mm", "versine_level_mm", "versine_alignment_mm")
 """Columns that are merged, each with its ``_sd``."""

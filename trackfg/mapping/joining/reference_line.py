@@ -13,7 +13,7 @@ import pandas as pd
 from trackfg.mapping.recognition.warp import Warp
 from trackfg.maps.feature_map import LINE_COLUMNS
 from trackfg.numerics.arrays import Array
-from trackfg.numerics.chainage_grid import multiples_between
+from trackfg.numerics.chainage.chainage_grid import multiples_between
 from trackfg.numerics.geodesy import enu_to_geodetic, geodetic_to_enu
 
 VERTEX_M = 5.0

@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 
 from trackfg.geometry.moving_average import remove_baseline
-from trackfg.numerics.chainage_grid import step_of
+from trackfg.numerics.chainage.chainage_grid import step_of
 from trackfg.numerics.robust import robust_sd
 
 _SHARE = 0.1

@@ -12,7 +12,7 @@ import numpy as np
 import pandas as pd
 
 from trackfg.numerics.arrays import Array
-from trackfg.numerics.chainage_grid import multiples_between
+from trackfg.numerics.chainage.chainage_grid import multiples_between
 from trackfg.numerics.spans import nearest
 from trackfg.numerics.splines import spline_at
 

@@ -19,7 +19,7 @@ from trackfg.geometry.statistics import section_statistics
 from trackfg.mapping.recognition.profiles import SECTION_M
 from trackfg.mapping.recognition.warp import warped
 from trackfg.mapping.runs.run_alignment import aligned
-from trackfg.numerics.chainage_grid import cells_of
+from trackfg.numerics.chainage.chainage_grid import cells_of
 from trackfg.numerics.key_figures import Outlined
 from trackfg.results.columns import BAND_COLUMNS, CHANNELS
 from trackfg.results.result import Result

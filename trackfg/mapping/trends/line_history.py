@@ -19,7 +19,7 @@ from trackfg.mapping.trends.series import QUANTITIES, Series, section_series, se
 from trackfg.mapping.trends.trends import drift_of
 from trackfg.mapping.trends.wear import months
 from trackfg.numerics.arrays import Array
-from trackfg.numerics.chainage_grid import step_of
+from trackfg.numerics.chainage.chainage_grid import step_of
 from trackfg.results.summary import Summary
 
 

@@ -24,7 +24,7 @@ from trackfg.mapping.trends.drift import FEWEST_RUNS
 from trackfg.mapping.trends.wear import DAY_S
 from trackfg.maps.feature_map import FeatureMap
 from trackfg.numerics.arrays import Array
-from trackfg.numerics.chainage_grid import cells_of
+from trackfg.numerics.chainage.chainage_grid import cells_of
 from trackfg.numerics.key_figures import Outlined
 from trackfg.results.result import Result
 from trackfg.results.summary import Summary

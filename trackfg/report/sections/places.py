@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from trackfg.numerics.arrays import Array
-from trackfg.numerics.kilometrage import Kilometrage
+from trackfg.numerics.chainage.kilometrage import Kilometrage
 from trackfg.report.charts import OfficialAxis, OfficialStretch
 
 

@@ -42,7 +42,7 @@ class GravityCheck:
         if np.minimum(np.diff(times), _LONGEST_INTERVAL_S).sum() < FIRST_S:
             return
         # Late: with SciPy's filters it takes as long as many rows.
-        from trackfg.checks.inertial_units import gravity_findings
+        from trackfg.checks.inertial.inertial_units import gravity_findings
 
         table = pd.DataFrame(np.concatenate(self.waiting), columns=list(IMU_COLUMNS))
         self.waiting = None

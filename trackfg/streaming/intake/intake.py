@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from trackfg.checks.imu_faults import ImuFaultDetector
+from trackfg.checks.inertial.imu_faults import ImuFaultDetector
 from trackfg.checks.limits import CheckLimits
 from trackfg.numerics.arrays import Array
 from trackfg.recording.description import RecordingDescription

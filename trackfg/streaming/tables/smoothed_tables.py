@@ -16,8 +16,8 @@ import pandas as pd
 from trackfg.factors.states import States
 from trackfg.graph.run_context import RunContext
 from trackfg.numerics.arrays import Array
-from trackfg.numerics.chainage_grid import cells_of
-from trackfg.numerics.passes import passes
+from trackfg.numerics.chainage.chainage_grid import cells_of
+from trackfg.numerics.chainage.passes import passes
 from trackfg.output.dense_motion import DenseMotion, dense_motion, dense_step
 from trackfg.output.event_sources import EventSources
 from trackfg.output.profile_samples import Points

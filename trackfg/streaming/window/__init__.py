@@ -32,25 +32,26 @@ called, in this order.
 
 In reading order:
 
-==================  ===================================================================================================
-module              content
-==================  ===================================================================================================
-``window``          the graph: ``Window``, ``Interval`` from one keyframe to the next, ``WindowStep``,
-                    ``MarginalisedKeyframes``
-``moving_window``   the window's life: not yet begun, running, lost and begun anew
-``starting_window`` the first window of a stream, solved as a batch
-``running_window``  filter steps, relinearisation passes, and what takes over where a step fails
-``next_interval``   prediction and factors of the next interval, by the batch smoother's functions
-``filter_step``     the Gauss-Newton step of two keyframes, a Kalman filter's update
-``fix_voting``      which of contradicting fixes are followed
-``wheel_creep``     whether the wheel crept, as a fix or the accelerometer shows it
-``gnss_record``     how good GNSS positions are, from their residuals
-``noise_record``    how noisy sensors, motion and wheel are, from their residuals
-``rests``           standstills, while they last
-``marginalised``    keyframes that left the window and are still needed by the tables
-``sample_buffer``   the rows that are still needed
-``tach_buffer``     the newest rows of the tach, signed, and their resolution
-``growable_array``  arrays that grow at their end
-``stream_context``  what is constant along a stream
-==================  ===================================================================================================
+====================  =================================================================================================
+module                content
+====================  =================================================================================================
+``window``            the graph: ``Window``, ``Interval`` from one keyframe to the next, ``WindowStep``,
+                      ``MarginalisedKeyframes``
+``moving_window``     the window's life: not yet begun, running, lost and begun anew
+``starting_window``   the first window of a stream, solved as a batch
+``running_window``    filter steps, relinearisation passes, and what takes over where a step fails
+``next_interval``     prediction and factors of the next interval, by the batch smoother's functions
+``predicted_motion``  the motion over that interval, as its inertial samples measure and predict it
+``filter_step``       the Gauss-Newton step of two keyframes, a Kalman filter's update
+``fix_voting``        which of contradicting fixes are followed
+``wheel_creep``       whether the wheel crept, as a fix or the accelerometer shows it
+``gnss_record``       how good GNSS positions are, from their residuals
+``noise_record``      how noisy sensors, motion and wheel are, from their residuals
+``rests``             standstills, while they last
+``marginalised``      keyframes that left the window and are still needed by the tables
+``sample_buffer``     the rows that are still needed
+``tach_buffer``       the newest rows of the tach, signed, and their resolution
+``growable_array``    arrays that grow at their end
+``stream_context``    what is constant along a stream
+====================  =================================================================================================
 """

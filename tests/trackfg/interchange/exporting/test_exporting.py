@@ -26,8 +26,8 @@ from trackfg.interchange.exporting.registry import result_format, result_formats
 from trackfg.interchange.exporting.result_format import ExportOptions
 from trackfg.mapping import build_map
 from trackfg.maps import write_map
+from trackfg.numerics.chainage.km_notation import written_places
 from trackfg.numerics.geodesy import geodetic_to_enu
-from trackfg.numerics.km_notation import written_places
 from trackfg.recording.line_kilometrage import LineKilometrage
 from trackfg.results.columns import GEOMETRY_COLUMNS
 from trackfg.results.result import Result

@@ -12,9 +12,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from trackfg.checks.imu_faults import ImuFaultDetector
+from trackfg.checks.inertial.imu_faults import ImuFaultDetector
+from trackfg.checks.inertial.stuck_value import StuckValue
 from trackfg.checks.limits import CheckLimits
-from trackfg.checks.stuck_value import StuckValue
 from trackfg.datasets.scenarios import Simulation, scenario, simulate
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.rotations import matrix_from_rpy

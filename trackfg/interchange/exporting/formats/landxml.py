@@ -21,7 +21,7 @@ from trackfg.files.libraries import library
 from trackfg.interchange.exporting.located import located_geometry, origin_of, start_of
 from trackfg.interchange.exporting.result_format import ExportOptions, ResultFormat
 from trackfg.numerics.arrays import Array
-from trackfg.numerics.kilometrage import Kilometrage
+from trackfg.numerics.chainage.kilometrage import Kilometrage
 from trackfg.results.official_places import line_kilometrage
 from trackfg.results.result import Result
 

@@ -12,7 +12,7 @@ from trackfg.interchange.importing.source_table import SourceTable
 from trackfg.interchange.importing.stations import PlaceColumns, bare_unit, place_columns
 
 if TYPE_CHECKING:
-    from trackfg.numerics.km_notation import Bare
+    from trackfg.numerics.chainage.km_notation import Bare
 
 _PLACE = re.compile(
     r"location|position|sijainti|station|chainage|kilomet|mileage|\bpost|mile.?post|^[mp][kp]$|\bkm\b|里程|公里|"

@@ -13,7 +13,7 @@ from trackfg.errors import BadInputError
 from trackfg.interchange.importing.columns.column_names import axis_and_rest, is_other, meaning, parts_of
 from trackfg.interchange.importing.columns.written_units import Quantity, factor_of, usual_name
 from trackfg.interchange.importing.source_table import SourceTable
-from trackfg.numerics.km_notation import is_metres, metres_of
+from trackfg.numerics.chainage.km_notation import is_metres, metres_of
 from trackfg.numerics.units import STANDARD_GRAVITY
 
 InertialKind = Literal["gyro", "accel", "free_accel"]

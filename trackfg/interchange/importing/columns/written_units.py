@@ -10,7 +10,7 @@ import math
 import re
 from typing import Literal, get_args
 
-from trackfg.numerics.km_notation import METRES_PER
+from trackfg.numerics.chainage.km_notation import METRES_PER
 from trackfg.numerics.units import KMH, KNOT, MPH, STANDARD_GRAVITY, known_units, to_si
 
 Quantity = Literal["angular rate", "acceleration", "angle", "speed", "length", "time"]

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
     from trackfg.mapping.joining.build import JoinableRun
     from trackfg.maps.feature_map import FeatureMap
-    from trackfg.numerics.kilometrage import Kilometrage
+    from trackfg.numerics.chainage.kilometrage import Kilometrage
     from trackfg.results.result import Result
 
 maps = Commands(help="Feature maps: what repeated runs say together about a line.")
@@ -28,7 +28,7 @@ MapPlace = Annotated[str, typer.Argument(metavar="MAP", help=_PLACE)]
 Version = Annotated[int | None, typer.Option(metavar="N", help="The newest if absent.")]
 
 
-@maps.command(example="trackfg map build out1 out2 run3 -o line.gpkg", loads="trackfg.cli.map_file")
+@maps.command(example="trackfg map build out1 out2 run3 -o line.gpkg", loads="trackfg.cli.mapping.map_file")
 def build(
     runs: Annotated[list[str], typer.Argument(metavar="RUN", help="Folders of results, or of recordings; a store.")],
     place: Annotated[str, typer.Option("-o", "--out", metavar="MAP", help=_PLACE)],
@@ -50,7 +50,7 @@ def build(
     already is refused. What is there stays readable as the version before. Of a store, the runs are joined that are not
     in the map yet.
     """
-    from trackfg.cli.map_file import FleetRuns, build_map_file
+    from trackfg.cli.mapping.map_file import FleetRuns, build_map_file
     from trackfg.config import SmoothConfig
     from trackfg.maps.location import locate
 
@@ -77,7 +77,7 @@ def changes(
     json: Json = False,
 ) -> None:
     """List where a run shows other track than the map: significant changes, each with place, size and sigma."""
-    from trackfg.cli import map_tables
+    from trackfg.cli.mapping import map_tables
     from trackfg.mapping import find_changes
     from trackfg.mapping.recognition.other_track import other_track_message
     from trackfg.maps import read_map
@@ -141,7 +141,7 @@ def trends(options: TrendChoices) -> None:
     is replaced in one step.
     """
     from trackfg.cli import trend_tables
-    from trackfg.cli.stored_runs import runs_of_map
+    from trackfg.cli.mapping.stored_runs import runs_of_map
     from trackfg.geometry.limits import at_line_speed
     from trackfg.mapping.trends.trend_layers import trend_layers
     from trackfg.mapping.trends.trends import find_trends
@@ -187,7 +187,7 @@ def show(
     json: Json = False,
 ) -> None:
     """Show what a map covers and how well, its runs, landmarks and versions."""
-    from trackfg.cli import map_tables
+    from trackfg.cli.mapping import map_tables
     from trackfg.maps import read_map, read_versions
 
     versions, feature_map = read_versions(place), read_map(place, version)
@@ -215,7 +215,7 @@ def diff(
 
     Without B and versions: what the last version changed.
     """
-    from trackfg.cli import map_tables
+    from trackfg.cli.mapping import map_tables
     from trackfg.mapping import difference
     from trackfg.maps import read_map
     from trackfg.results.official_places import with_km

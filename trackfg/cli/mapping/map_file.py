@@ -12,7 +12,7 @@ from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from trackfg.cli.stored_runs import runs_of_store, stored_run
+from trackfg.cli.mapping.stored_runs import runs_of_store, stored_run
 from trackfg.cli.terminal import complain
 from trackfg.config import SmoothConfig
 from trackfg.errors import BadInputError, printable

@@ -1,7 +1,7 @@
 """IMU channels are warned of that are stuck, repeated, cut off at the end of the range, or beyond any value.
 
-What is stuck or cut off is what batch and stream drop (:mod:`trackfg.checks.imu_faults`). A channel that is constant
-for long is warned of even where values repeat so often by chance that the detector does not judge it.
+What is stuck or cut off is what batch and stream drop (:mod:`trackfg.checks.inertial.imu_faults`). A channel that is
+constant for long is warned of even where values repeat so often by chance that the detector does not judge it.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 
 from trackfg.checks.columns import ColumnPlace
-from trackfg.checks.imu_faults import ImuFaultDetector
+from trackfg.checks.inertial.imu_faults import ImuFaultDetector
 from trackfg.checks.limits import CheckLimits
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.spans import true_runs

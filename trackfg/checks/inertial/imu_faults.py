@@ -3,9 +3,9 @@
 Batch and stream share this detector. It takes rows in order, a few at a time or all at once.
 
 ``stuck-channel``
-    A channel shows one value again and again (:mod:`trackfg.checks.stuck_value`), more often than it does by chance
-    (:mod:`trackfg.checks.channel_statistics`): it is stuck, or cut off at the end of its range. Rows between two at the
-    end of the range are dropped with them: alone they would be too small on average.
+    A channel shows one value again and again (:mod:`trackfg.checks.inertial.stuck_value`), more often than it does by
+    chance (:mod:`trackfg.checks.inertial.channel_statistics`): it is stuck, or cut off at the end of its range. Rows
+    between two at the end of the range are dropped with them: alone they would be too small on average.
 ``impossible-value``
     A value is beyond what the sensors of rail vehicles show at all; or far beyond what this recording has shown, and
     beyond what a vehicle does, for less than ``_BELIEVED_S``: a sensor that is hit, or a value garbled on its way.
@@ -21,9 +21,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from trackfg.checks.channel_statistics import BLOCK_ROWS, ChannelStatistics
+from trackfg.checks.inertial.channel_statistics import BLOCK_ROWS, ChannelStatistics
+from trackfg.checks.inertial.stuck_value import StuckValue
 from trackfg.checks.limits import CheckLimits
-from trackfg.checks.stuck_value import StuckValue
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.units import to_si
 from trackfg.recording import canonical

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from trackfg.mapping.changes.changes import Changes
     from trackfg.mapping.changes.difference import Difference
     from trackfg.numerics.arrays import Array
-    from trackfg.numerics.kilometrage import Kilometrage
+    from trackfg.numerics.chainage.kilometrage import Kilometrage
 
 _SCALE = {"1pm": (1e6, "1/Mm"), "permille": (1.0, "‰"), "mm": (1.0, "mm"), "m": (1.0, "m")}
 """Factor and unit in which a column is shown, by its suffix."""

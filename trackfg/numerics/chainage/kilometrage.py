@@ -27,7 +27,7 @@ from typing import Literal, TypeVar
 import numpy as np
 
 from trackfg.numerics.arrays import Array
-from trackfg.numerics.km_notation import (
+from trackfg.numerics.chainage.km_notation import (
     KmNotation,
     metres_of,
     milepost_and_metres,

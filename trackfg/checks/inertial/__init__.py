@@ -1,0 +1,1 @@
+"""Checks of the inertial sensor's own samples."""
