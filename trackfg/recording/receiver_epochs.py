@@ -28,6 +28,8 @@ _FEWEST = 5
 _FASTEST_S, _SLOWEST_S = 0.04, 1.0
 """Then a table that is written faster than the fastest receivers measure (20 Hz, and some with 25 Hz) is taken for one
 beside the slowest, s."""
+_CODES = {"gnss": "gnss-held", GNSS_SPEED_TABLE: "gnss-speed-held"}
+"""Codes of the findings, by table."""
 _IN_MOTION_MPS = 1.0
 """Speed over a run from which on its vehicle was in motion, m/s: at rest receivers drift by some metres in ten
 seconds."""
@@ -84,7 +86,7 @@ def held_findings(held: Mapping[str, np.ndarray]) -> list[Finding]:
     return [
         Finding(
             "warning",
-            f"{name.replace('_', '-')}-held",
+            _CODES[name],
             f"{np.count_nonzero(rows)} of {len(rows)} rows hold values of a row before, while the vehicle goes on",
             file="recording.toml",
             column=f"{name}.file",

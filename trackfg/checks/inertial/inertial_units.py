@@ -16,6 +16,7 @@ from trackfg.sensors.averages import Motion
 
 
 def interval_findings(imu: Imu, table: pd.DataFrame, limits: CheckLimits) -> list[Finding]:
+    """Return an error where rows of the IMU are further apart, or closer together, than those of any sensor."""
     interval = float(np.median(np.diff(table["t_s"])))
     low, high = limits.imu_interval_s
     if low <= interval <= high:
