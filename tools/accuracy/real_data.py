@@ -133,6 +133,9 @@ def _report_kingston(label: str, run: RealRun, kept: np.ndarray, config: SmoothC
         reference = reference[(reference["t_s"] > START_S) & (reference["t_s"] < gnss["t_s"].max() - END_S)]
     errors = horizontal_errors(result.trajectory, reference, kingston.LEVER_ARM_M)
     summary = result.summary
+    if not summary.converged:
+        print(f"\nKingston, {label}\n  did not converge: {summary.reason}")
+        return
     roll, pitch, yaw = (_angle_error(result, reference, name) for name in ("roll_rad", "pitch_rad", "yaw_rad"))
     bias, sd = summary.gyro_bias_radps.value[2], summary.gyro_bias_radps.sd[2]
     ratio = float(np.sqrt(np.mean(errors["error_m"] ** 2) / np.mean(errors["sd_m"] ** 2)))
