@@ -41,7 +41,7 @@ class GravityCheck:
         times = np.concatenate([part[:, 0] for part in self.waiting])
         if np.minimum(np.diff(times), _LONGEST_INTERVAL_S).sum() < FIRST_S:
             return
-        # Late: with SciPy's filters it takes as long as many rows.
+        # Late: it loads SciPy, which takes as long as many rows.
         from trackfg.checks.inertial.inertial_units import gravity_findings
 
         table = pd.DataFrame(np.concatenate(self.waiting), columns=list(IMU_COLUMNS))

@@ -64,15 +64,17 @@ class SpeedCheck:
         for name in _COLUMNS:
             if name in tables and len(tables[name]):
                 waiting.setdefault(name, []).append(tables[name].copy())
-        if GNSS_SPEED_TABLE not in waiting:
+        if not waiting:
             return
-        now_s = float(waiting[GNSS_SPEED_TABLE][-1][-1, 0])
+        now_s = max(float(parts[-1][-1, 0]) for parts in waiting.values())
         if self.next_s is None or now_s < self.next_s:
             self.next_s = now_s + EVERY_S if self.next_s is None else self.next_s
             return
         self.next_s = now_s + EVERY_S
         rows = {name: np.concatenate(parts) for name, parts in waiting.items()}
-        rows = {name: table[table[:, 0] > now_s - LONGEST_S] for name, table in rows.items()}
+        newest = {name: table[table[:, 0] > now_s - LONGEST_S] for name, table in rows.items()}
+        rows = {name: table for name, table in newest.items() if len(table)}
+        waiting.clear()
         waiting.update({name: [table] for name, table in rows.items()})
         self._compare(rows, part, report)
 

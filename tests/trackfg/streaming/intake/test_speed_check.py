@@ -14,7 +14,7 @@ from trackfg.numerics.units import KMH, KNOT
 from trackfg.recording.description import GnssSpeed
 from trackfg.results.events import DOUBT, Event
 from trackfg.streaming.events import LossReport
-from trackfg.streaming.intake.speed_check import SpeedCheck
+from trackfg.streaming.intake.speed_check import EVERY_S, LONGEST_S, SpeedCheck
 
 PART = GnssSpeed(file="-", column="speed")
 DRIVEN_S = 400.0
@@ -66,3 +66,11 @@ def test_speeds_in_their_unit_are_passed_on(sources: tuple[str, ...]) -> None:
 
 def test_positions_that_are_too_poor_to_tell_are_no_reason() -> None:
     assert seen(1.0, ("gnss",), sd_m=30.0) == ([], DRIVEN_S)
+
+
+def test_rows_of_a_receiver_that_sends_no_speeds_are_not_kept_for_ever() -> None:
+    check, report = SpeedCheck(CheckLimits()), LossReport()
+    for t in np.arange(0.0, 7200.0, 10.0):
+        check.sound({"tach": np.column_stack([t + np.arange(10.0), t + np.arange(10.0)])}, PART, report)
+    assert check.waiting is not None
+    assert sum(map(len, check.waiting["tach"])) <= LONGEST_S + EVERY_S
