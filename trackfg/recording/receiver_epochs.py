@@ -6,8 +6,8 @@ so that the usual run of equal rows lasts as long as the receiver's interval. In
 receiver measures, it is one row.
 
 A run that lasts longer is of a vehicle at rest, whose receiver measures the same again, or of a receiver that measures
-nothing. At rest the vehicle is still there when values change again: one row an interval is kept. Where it has gone on
-meanwhile, as through a tunnel, only the first row is.
+nothing. A vehicle at rest is at the same place when the values change again: one row per interval is kept. A vehicle in
+a tunnel is elsewhere by then: only the first row of the run is kept.
 """
 
 from __future__ import annotations
