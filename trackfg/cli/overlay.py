@@ -103,12 +103,13 @@ def _write(out: Path, laid: RunOverlay, page: Page) -> None:
 def _tables(laid: RunOverlay) -> list[RenderableType]:
     from rich.text import Text
 
+    from trackfg.report.numbers import fixed
+
     shifts = titled(f"Shift against {laid.names[0]}", "run", *numbers("from m", "to m", "shift m", "1 sigma m"))
     more = len(laid.shifts) - _MOST_ROWS
     for row in laid.shifts.head(_MOST_ROWS).to_dict("records"):
         places = {"from_m": 1, "to_m": 1, "shift_m": 3, "shift_m_sd": 3}
-        values = (f"{round(row[name], digits) + 0.0:.{digits}f}" for name, digits in places.items())  # no -0.0
-        shifts.add_row(Text(row["run"]), *values)
+        shifts.add_row(Text(row["run"]), *(fixed(row[name], digits) for name, digits in places.items()))
     title = "Repeatability: standard deviation of the difference over 200 m"
     repeated = titled(title, "run", "channel", *numbers("sections", "median", "95 % below", "greatest"))
     for row in laid.repeatability.to_dict("records"):

@@ -149,17 +149,8 @@ def _own_result(name: str, run: Run, recording: Recording) -> BaselineResult:
 
 def _with_own_tables(recording: Recording) -> Recording:
     """Return the recording with copies of its tables: others get what was measured, whatever becomes of these."""
-    tables = {name: table.copy() for name, table in recording.tables.items()}
-    return replace(
-        recording,
-        imu=tables["imu"],
-        tach=tables.get("tach"),
-        fixes=tables.get("fixes"),
-        gnss=tables.get("gnss"),
-        lasers={name: table.copy() for name, table in recording.lasers.items()},
-        others={name: tables[name] for name in recording.others},
-        balises=None if recording.balises is None else recording.balises.copy(),
-    )
+    copied = recording.with_tables({name: table.copy() for name, table in recording.tables.items()})
+    return replace(copied, balises=None if recording.balises is None else recording.balises.copy())
 
 
 def _refuse_unusable(name: str, result: BaselineResult, ends_s: tuple[float, float]) -> None:

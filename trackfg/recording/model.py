@@ -25,7 +25,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -115,6 +115,13 @@ class Recording(KeyFigures):
         tach, fixes, gnss = (tables.get(name) for name in _SINGLE)
         others = {n: t for n, t in tables.items() if n not in ("imu", *_SINGLE) and not n.startswith(LASER_TABLE)}
         return cls(description, tables["imu"], tach, fixes, gnss, lasers, others=others)
+
+    def with_tables(self, tables: Mapping[str, pd.DataFrame]) -> Recording:
+        """Return the recording with what :attr:`tables` gives for its own, by name; others stay."""
+        new = Recording.of_tables(self.description, {**self.tables, **tables})
+        return replace(
+            self, imu=new.imu, tach=new.tach, fixes=new.fixes, gnss=new.gnss, lasers=new.lasers, others=new.others
+        )
 
     def key_figures(self) -> dict[str, str]:
         """Return the length, each table's rows and rate, and how much was found in the files."""

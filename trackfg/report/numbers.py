@@ -37,7 +37,12 @@ def with_sd(value: float, sd: float | None, unit: str) -> str:
     if not (sd is not None and math.isfinite(sd) and sd > 0.0):
         return with_unit(value, unit, 6)
     places = decimals(sd)
-    return f"{round(value, places) + 0.0:.{places}f} ± {sd:.{places}f} {unit}".rstrip()
+    return f"{fixed(value, places)} ± {sd:.{places}f} {unit}".rstrip()
+
+
+def fixed(value: float, places: int) -> str:
+    """Format a number with so many decimals, 0 without a sign."""
+    return f"{round(value, places) + 0.0:.{places}f}"
 
 
 def decimals(sd: float) -> int:

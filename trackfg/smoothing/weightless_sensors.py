@@ -87,9 +87,7 @@ def without_held_rows(recording: Recording) -> Recording:
         return recording
     said = (replace(one, message=f"{one.message}; they are left out") for one in held_findings(held))
     tables = {name: recording.tables[name][~rows].reset_index(drop=True) for name, rows in held.items()}
-    others = {name: tables.get(name, table) for name, table in recording.others.items()}
-    gnss = tables.get("gnss", recording.gnss)
-    return replace(recording, gnss=gnss, others=others, findings=(*recording.findings, *said))
+    return replace(recording.with_tables(tables), findings=(*recording.findings, *said))
 
 
 def without_contradicted_speeds(recording: Recording, limits: CheckLimits) -> Recording:

@@ -127,8 +127,8 @@ def _gnss(proposal: Proposal, tables: Sequence[SourceTable]) -> None:
 
 def _precision(proposal: Proposal, table: SourceTable) -> dict[str, str]:
     """Return the keys of the columns that say how good the positions are, whose sigmas are assumed."""
-    told = {"dop": dilution_column(table), "quality": quality_column(table)}
-    keys = {key: name for key, name in told.items() if name is not None}
+    columns = {"dop": dilution_column(table), "quality": quality_column(table)}
+    keys = {key: name for key, name in columns.items() if name is not None}
     by = {"dop": "times {}", "quality": "by {}"}
     assumed = ", ".join(by[key].format(name) for key, name in keys.items())
     proposal.reasons["gnss.sd"] += f", {assumed}" if assumed else ""

@@ -11,7 +11,7 @@ import pandas as pd
 from trackfg.errors import counted
 from trackfg.numerics.units import DEG_PER_H, KMH
 from trackfg.report.geometry_charts import channels
-from trackfg.report.numbers import NONE, decimals, digits, duration, length, percent, with_sd, with_unit
+from trackfg.report.numbers import NONE, decimals, digits, duration, fixed, length, percent, with_sd, with_unit
 from trackfg.report.page import Block, Facts, PageSection, PageTable, Signature, TableRow, Text, Tile, Tiles
 from trackfg.results.result import Result
 from trackfg.results.summary import Estimate, Solver, Summary, VectorEstimate
@@ -81,7 +81,7 @@ def measured_table(result: Result) -> PageTable:
         typical, poor = np.quantile(sigmas, [0.5, 0.95]) if sigmas.size else (math.nan, math.nan)
         low, high = (known.min(), known.max()) if known.size else (math.nan, math.nan)
         places = decimals(float(np.fmin(typical, max(abs(low), abs(high)) / 100.0)))
-        ends = (NONE if math.isnan(value) else f"{round(value, places) + 0.0:.{places}f}" for value in (low, high))
+        ends = (NONE if math.isnan(value) else fixed(value, places) for value in (low, high))
         sds = (digits(typical), digits(poor)) if trusted(verdicts, channel.column) else (NOT_TRUSTED, NOT_TRUSTED)
         cells = (*ends, *sds, percent(known.size / values.size))
         rows.append(TableRow((channel.label.replace("\n", " "), channel.unit, *cells)))

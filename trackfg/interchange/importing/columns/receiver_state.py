@@ -28,7 +28,7 @@ _ESTIMATED, _HIGHEST_QUALITY = 6.0, 9.0
 RANGE_SD_M = 3.0
 """Error of one range, m: with the dilution of precision it gives a sigma where the receiver states none (GPS SPS
 Performance Standard 2020, single frequency)."""
-_RANGE_SD_M = {2: 1.0, 4: 0.05, 5: 0.5}
+RANGE_SD_BY_QUALITY_M = {2: 1.0, 4: 0.05, 5: 0.5}
 """The same by quality: with corrections of code (2), carrier phase with its ambiguities fixed (4) or not (5). A ZED-F9P
 has 1.0 m of 2 and 0.01 m of 4 by its data sheet, under an open sky. That of other positions is :data:`RANGE_SD_M`."""
 HIGHEST_MEASURED = 5
@@ -69,9 +69,9 @@ def range_sd_m(state: pd.Series) -> np.ndarray:
     if np.isnan(number).all():
         text = _plain(state)
         for quality, words in reversed(_WORDS_OF_QUALITY.items()):
-            sd[text.str.contains(words).fillna(value=False).to_numpy(bool)] = _RANGE_SD_M[quality]
+            sd[text.str.contains(words).fillna(value=False).to_numpy(bool)] = RANGE_SD_BY_QUALITY_M[quality]
     elif "qual" in str(state.name).casefold() and np.nanmax(number) <= _HIGHEST_QUALITY:
-        for quality, range_sd in _RANGE_SD_M.items():
+        for quality, range_sd in RANGE_SD_BY_QUALITY_M.items():
             sd[number == quality] = range_sd
     return sd
 

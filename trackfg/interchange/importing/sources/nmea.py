@@ -16,9 +16,8 @@ from datetime import UTC, datetime, time, timedelta
 from typing import Any
 
 import numpy as np
-import pandas as pd
 
-from trackfg.interchange.importing.columns.receiver_state import HIGHEST_MEASURED, range_sd_m
+from trackfg.interchange.importing.columns.receiver_state import HIGHEST_MEASURED, RANGE_SD_BY_QUALITY_M, RANGE_SD_M
 from trackfg.interchange.importing.proposal import UNKNOWN_HEIGHT_SD_M
 from trackfg.interchange.importing.times import as_ns
 from trackfg.numerics import geodesy
@@ -27,8 +26,6 @@ from trackfg.numerics.units import KNOT
 
 _QUALITY_OF_MODE = {"N": 0, "D": 2, "R": 4, "F": 5, "E": 6, "M": 7, "S": 8}
 """Quality of GGA for the mode of RMC and VTG since NMEA 2.3; an autonomous fix (A) and older sentences have 1."""
-_RANGE_SD_M = range_sd_m(pd.Series(range(HIGHEST_MEASURED + 1), name="quality"))
-"""Error of one range by quality, m."""
 
 
 @dataclass(frozen=True)
@@ -79,7 +76,7 @@ class NmeaEpochs:
         self._epoch += 1
         quality = int(message.quality or 0)
         if 0 < quality <= HIGHEST_MEASURED and message.lat != "":
-            sd = float(message.HDOP or 1.0) * float(_RANGE_SD_M[quality])
+            sd = float(message.HDOP or 1.0) * RANGE_SD_BY_QUALITY_M.get(quality, RANGE_SD_M)
             height = float(message.alt or 0.0) + float(message.sep or 0.0)
             place = (message.lat, message.lon, height)
             self._positions["GGA"].append(_Position(self._date, at, self._epoch, place, (sd, sd, 2.0 * sd)))
@@ -88,7 +85,7 @@ class NmeaEpochs:
         if self._date is not None and message.spd != "":
             self._speeds[self._date] = float(message.spd) * KNOT
         if message.lat != "":
-            sd = float(_RANGE_SD_M[_quality(message)])
+            sd = RANGE_SD_BY_QUALITY_M.get(_quality(message), RANGE_SD_M)
             place = (message.lat, message.lon, 0.0)
             self._positions["RMC"].append(_Position(self._date, at, self._epoch, place, (sd, sd, UNKNOWN_HEIGHT_SD_M)))
 
