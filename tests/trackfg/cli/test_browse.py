@@ -254,8 +254,8 @@ def test_sections_are_those_of_the_known_line_that_a_run_was_smoothed_with(store
 
 
 def follow(tab: Any, link: str) -> None:
-    """Open what a link or a button leads to. A click with the mouse waits for two frames, and a browser without a screen
-    may draw none."""
+    """Open what a link or a button leads to. A click with the mouse waits for two frames, and a browser without a
+    screen may draw none."""
     with tab.expect_navigation():
         tab.locator(link).dispatch_event("click")
     tab.wait_for_selector("html[data-charts=drawn]")
