@@ -1,16 +1,17 @@
 """The inertial sensor's biases walk, and it answers to turning, to acceleration and to vibration.
 
 The bias that an inertial factor sees is that of its interval: the sensor's own, which walks, and what scale factors,
-axes that are not quite square and a gyro that feels accelerations add at the interval's mean rate w and mean specific
-force f. An accelerometer whose response is not quite linear turns vibration along an axis, of power P, into a bias.
-The Earth turns about the horizontal axes of n by e (2,) more than is modelled. The gyro feels that, and the
+axes that are not quite square and a gyro that responds to accelerations add at the interval's mean rate w and mean
+specific force f. An accelerometer whose response is not quite linear turns vibration along an axis, of power P, into a
+bias. The Earth turns about the horizontal axes of n by e (2,) more than is modelled. The gyro measures that, and the
 accelerometer its Coriolis acceleration at the velocity v in n; in body axes both change with the heading. With the
 shared calibration c made of A (3, 2), W (3, 3) and G (3, 2), row by row, the rectification k (3,), and e,
 
     accelerometer:  own + A (f_x, f_y) + k P, axis by axis, + 2 R_nb' ((e_x, e_y, 0) x v)
     gyro:           own + W w + G (f_x, f_y) + R_nb' (e_x, e_y, 0).
 
-What the sensor feels of gravity along z hardly changes, nor what it does of the Earth about the vertical: it is a bias.
+What the sensor measures of gravity along z hardly changes, nor what it does of the Earth about the vertical: it is a
+bias.
 """
 
 from __future__ import annotations

@@ -41,7 +41,7 @@ class FactorType(Enum):
     MARGINAL_PRIOR = "marginal prior"
     DELAYED_POSITION = "delayed position"
     CUSTOM = "custom"
-    """A user's own; :attr:`trackfg.factors.family.Family.label` tells one from another."""
+    """A user's own; :attr:`trackfg.factors.family.Family.label` distinguishes them."""
 
     __hash__ = object.__hash__  # an Enum's own is a function in Python, and a stream looks types up by the thousand
 

@@ -33,7 +33,7 @@ Evaluate = Callable[..., tuple[Array, tuple[Array, ...]]]
 
 Kernel = Callable[["Family", States, float, Array], bool]
 """``kernel(family, states, width, rows) -> whether all numbers are finite``: writes rows [A b] (m, d, c + 1) of the
-whitened factors, or b alone into (m, d, 1), weighted by the loss that ``width`` tells (:attr:`Loss.kernel_width`).
+whitened factors, or b alone into (m, d, 1), weighted by the loss of that ``width`` (:attr:`Loss.kernel_width`).
 """
 
 _KERNELS: dict[Evaluate, Kernel] = {}

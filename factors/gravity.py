@@ -1,4 +1,4 @@
-"""The accelerometer tells which way is down: gravity tilt."""
+"""The accelerometer measures which way is down: gravity tilt."""
 
 from __future__ import annotations
 

@@ -83,7 +83,7 @@ class Preintegration(Outlined):
     """The inertial sensor measured these increments over an interval, as :func:`preintegrate` takes them.
 
     With them are their white noise, and the ``gravity`` (m/s^2) and turning (``frame_rate`` (3,), rad/s) of the frame.
-    GTSAM's own object does not tell them, and where it is written down it loses the frame's turning; from them it can
+    GTSAM's own object does not give them, and where it is written down it loses the frame's turning; from them it can
     be made again at any time, the same to the last bit.
     """
 

@@ -15,7 +15,7 @@ from trackfg.numerics.arrays import Array
 
 @dataclass(frozen=True)
 class Slot:
-    """A slot tells which variable of ``kind`` each of m factors touches: ``index``, shape (m,)."""
+    """A slot names which variable of ``kind`` each of m factors touches: ``index``, shape (m,)."""
 
     kind: Kind
     index: np.ndarray

@@ -35,7 +35,7 @@ class Loss(ABC):
 
     @property
     def kernel_width(self) -> float:
-        """What tells the compiled kernels which weight to give: 0 where they give none, and :meth:`weight` does."""
+        """The compiled kernels choose the weight by this number: 0 where they give none, and :meth:`weight` does."""
         return self.kernel_sign * self.width
 
     @property

@@ -1,4 +1,4 @@
-"""The marginal prior holds what marginalised keyframes tell about the next one and about the shared variables.
+"""The marginal prior holds the information of marginalised keyframes about the next one and about the shared variables.
 
 Once keyframes are eliminated (:func:`trackfg.solver.elimination.eliminate_with_marginals`), all their factors together
 are rows ``A x = b`` on the tangent x = (keyframe, shared variables) at the states where they were linearised. The
@@ -171,7 +171,7 @@ def marginal_prior(rows: Array, origin: States) -> Family:
 
 
 def delayed_position(rows: Array, origin: States) -> Family:
-    """Return what a position passed before the first keyframe tells about it, in the form of :func:`marginal_prior`."""
+    """Return what a position passed before the first keyframe says about it, as a :func:`marginal_prior`."""
     return replace(marginal_prior(rows, origin), type=FactorType.DELAYED_POSITION)
 
 

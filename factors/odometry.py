@@ -1,4 +1,4 @@
-"""Distance is what the tach counts times the wheel's scale, the length of the path, and what absolute fixes tell.
+"""Distance is what the tach counts times the wheel's scale, the length of the path, and what absolute fixes measure.
 
 The odometer's state at keyframe k is ``o = (D, S, W, a)``: along-track distance D (m), wheel scale S (true distance per
 nominal distance), wheel distance W as the tach would count it without rounding (m), and a, the distance since the

@@ -14,7 +14,7 @@ gyro is counted once: its part of the sideways displacement has the variance ``N
 The gyro's calibration W (:mod:`trackfg.factors.bias`) errs by ``W w``, whose mean over the interval is in e too. But
 while the rate changes, the gyro is ahead of a steady turn by a vector, of mean q over the length, so ``C (f x W q)`` is
 added to c. Without it the factor would take axes that are not square for a direction of travel: where a vehicle rolls
-into cant, a sensor whose pitch axis feels 1 % of the roll rate looks like one that points 0.01 rad aside.
+into cant, a sensor whose pitch axis senses 1 % of the roll rate looks like one that points 0.01 rad aside.
 """
 
 from __future__ import annotations
@@ -64,9 +64,9 @@ def _path(
     d_c_by_e = -mean_by_time @ skew(f)
     d_c_by_w = mean @ skew(f)
     W = imu[:, OF_GYRO_RATE].reshape(-1, 3, 3)
-    felt = np.einsum("mij,mj->mi", W, ahead)
+    cross_axis_rate = np.einsum("mij,mj->mi", W, ahead)
     c = np.einsum("mij,mj->mi", mean, f) + np.einsum("mij,mj->mi", d_c_by_e, e)
-    c += np.einsum("mij,mj->mi", d_c_by_w, felt)
+    c += np.einsum("mij,mj->mi", d_c_by_w, cross_axis_rate)
     slope = c[:, 1:] / c[:, :1]
     residual = u[:, 1:] - slope * u[:, :1]
 
@@ -84,7 +84,7 @@ def _path(
     d_first[:, :, 3:6] = across(np.broadcast_to(-np.eye(3), (m, 3, 3)))
     d_second[:, :, :3] = across(relative @ arm) + by_e
     d_second[:, :, 3:6] = across(relative)
-    d_angles = -share * across((mean + mean_by_time @ skew(e) - mean @ skew(felt)) @ d_f)
+    d_angles = -share * across((mean + mean_by_time @ skew(e) - mean @ skew(cross_axis_rate)) @ d_f)
     d_mount = np.concatenate([d_angles, across(relative - np.eye(3))], axis=2)
     d_imu = np.zeros((m, 2, Kind.IMU.dim))
     d_imu[:, :, OF_GYRO_RATE] = np.einsum("mri,mj->mrij", -share * across(d_c_by_w), ahead).reshape(m, 2, 9)

@@ -1,4 +1,4 @@
-"""A prior tells what is known of a variable before any measurement."""
+"""A prior is what is known of a variable before any measurement."""
 
 from __future__ import annotations
 

@@ -11,7 +11,7 @@ kind       dim   content and tangent
 ``MOUNT``  5     shared: pitch and yaw of the direction of travel relative to the IMU's forward axis (rad); where the
                  point that follows the track is, from the vehicle reference point, in IMU axes (m)
 ``IMU``    26    shared: scale factors, misalignments and rectification of the inertial sensor, and the turning of the
-                 Earth that it feels, as :mod:`trackfg.factors.bias` says
+                 Earth that it measures, as :mod:`trackfg.factors.bias` says
 ``CLOCK``  3     shared: what to add to other clocks' times to bring them to the IMU's: the tach's offset (s) in the
                  middle of the run and its drift (s/s), the GNSS receiver's offset (s)
 ``WHEEL``  5     shared: where the wheel runs in curves, to the left and to the outside of the centre line (m), its

@@ -60,7 +60,7 @@ def chain_weights(z: Array, chain: Chain) -> Array:
 
 
 def chain_after(z: Array, chain: Chain) -> Chain:
-    """Return the chain that goes on after errors z (n,), as far as these tell."""
+    """Return the chain that goes on after errors z (n,), as far as these determine it."""
     if len(z) == 0:
         return chain
     if compiled_kernels():

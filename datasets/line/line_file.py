@@ -1,6 +1,6 @@
 """A line that is there already: from a TOML line description or LandXML, by suffix (docs/line-files.md).
 
-LandXML says nothing of speed limits. Each curve then has the one at which a wheel feels the lateral acceleration
+LandXML says nothing of speed limits. Each curve then has the one at which the lateral acceleration is
 :data:`UNCOMPENSATED_MPS2` in the plane of the track (0.65 m/s^2 is a cant deficiency of 100 mm on 1.5 m),
 
     v^2 = (0.65 m/s^2 + g cant / base) / |kappa|,  the cant positive where the outer rail is the higher one,

@@ -5,7 +5,7 @@ True angular rate ``w`` and specific force ``f`` in vehicle axes become samples 
 1. mounting, a fixed rotation of the sensor in the vehicle ``R_vs = Rz(yaw) Ry(pitch) Rx(roll)``: ``w_s = R_vs^T w``,
    ``f_s = R_vs^T f``;
 2. scale factor and misalignment, a fixed matrix per triad: ``M = I + [m_ij]``, diagonal the scale factors, off the
-   diagonal what axis i feels of axis j (so two axes are off the right angle by ``m_ij + m_ji``);
+   diagonal what axis i senses of axis j (so two axes are off the right angle by ``m_ij + m_ji``);
 3. the gyro's sensitivity to specific force: ``G f_s``;
 4. a bias: an initial one and a random walk, ``b_{k+1} = b_k + walk sqrt(dt) n``;
 5. white noise of standard deviation ``density / sqrt(dt)``;

@@ -6,8 +6,8 @@ The wheel's true circumference is ``scale`` times the nominal one, so with ``D``
     count = floor((D / scale + creep W(D)) / q + phase),
 
 ``W`` a Wiener process of the distance (micro-creep, m/sqrt(m)) and ``phase`` uniform in [0, 1). ``D`` is signed for a
-tachometer that tells the direction, and grows whichever way for one that does not. With ``v`` the vehicle's speed along
-the line, ``p`` the distance it has travelled, ``kappa`` the curvature
+tachometer that measures the direction, and grows whichever way for one that does not. With ``v`` the vehicle's speed
+along the line, ``p`` the distance it has travelled, ``kappa`` the curvature
 
     dD/dt = v (1 + w p - c kappa + d |kappa| + xi(t)),
 

@@ -21,7 +21,7 @@ from trackfg.recording.model import SPEED_COLUMNS
 
 @dataclass(frozen=True)
 class SpeedModel:
-    """A sensor at ``place_m`` (body axes, from the reference point) that tells the speed but not the direction.
+    """A sensor at ``place_m`` (body axes, from the reference point) that measures the speed but not the direction.
 
     ``scale_sd`` is the spread of its true scale, ``yaw_sd_deg`` that of the direction in which it looks, ``sd_mps`` the
     noise of a row. Silences last ``dropout_s`` (range).

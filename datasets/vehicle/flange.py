@@ -5,8 +5,8 @@ bump of the body's lateral place, towards the inside of the curve, and of its ro
 
     b(x) = cos^4(pi x),  |x| < 1/2,  x = (s - s_i) / length,
 
-three times continuously differentiable. It belongs to the place ``s_i`` and not to the time: every passage feels it,
-the slower the more gently, and a vehicle that stands feels nothing.
+three times continuously differentiable. It belongs to the place ``s_i`` and not to the time: every passage meets it,
+the slower the more gently, and a vehicle that stands meets nothing.
 """
 
 from __future__ import annotations

@@ -3,7 +3,7 @@
 Noise-free: each scenario with perfect sensors, error of the smoother against truth (largest, along the run).
 Coverage: many seeds of a scenario, the share of samples at which truth lies within 1.96 sigma, and the rms of
 error / sigma. Samples of one run are correlated, so the share is given with its standard error over seeds. What a
-sensor feels of gravity along z is bias to the smoother and not to the simulation: the biases of the gyro and of the
+sensor measures of gravity along z is bias to the smoother and not to the simulation: the biases of the gyro and of the
 vertical accelerometer differ by that, and are not covered.
 
     python tools/consistency.py [--seeds 50] [--duration 600] [--jobs 2]

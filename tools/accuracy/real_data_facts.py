@@ -94,9 +94,9 @@ def _car_speed(run: RealRun) -> None:
     tach, reference, imu = run.recording.tach, run.reference, run.recording.imu
     assert tach is not None
     t = 0.5 * (tach["t_s"].to_numpy()[1:] + tach["t_s"].to_numpy()[:-1])
-    told = np.diff(tach["distance_m"]) / KMH
+    wheel_speed = np.diff(tach["distance_m"]) / KMH
     inside = (t > 540) & (t < 3500)
-    t, told = t[inside], told[inside]
+    t, wheel_speed = t[inside], wheel_speed[inside]
     pitch = np.interp(imu["t_s"], reference["t_s"], reference["pitch_rad"])
     # The reference's speed between its seconds, carried by the accelerometer.
     gained = _integral(imu, imu["fx_mps2"] + GRAVITY * np.sin(pitch), 0.1)
@@ -112,20 +112,20 @@ def _car_speed(run: RealRun) -> None:
         speed = true(p[0] + p[1] * (t - 2000) / 1000)
         moving = speed > 5
         A = np.column_stack([speed[moving], np.ones(moving.sum())])
-        x = np.linalg.lstsq(A, told[moving], rcond=None)[0]
-        return x, told[moving] - A @ x, A, told[moving]
+        x = np.linalg.lstsq(A, wheel_speed[moving], rcond=None)[0]
+        return x, wheel_speed[moving] - A @ x, A, wheel_speed[moving]
 
     found = minimize(lambda p: float(np.std(fit(p)[1])), [0.2, -0.2], method="Nelder-Mead").x
-    x, residual, A, told = fit(found)
+    x, residual, A, wheel_speed = fit(found)
     sd = np.sqrt(np.diag(np.linalg.inv(A.T @ A))) * residual.std()
     speed = A[:, 0]
     print(f"  car speed: to be moved by {found[0]:+.2f} s at 2000 s, {found[1]:+.2f} s per 1000 s")
     print(f"  car speed = {x[0]:.4f} (sd {sd[0]:.4f}) x reference {x[1]:+.2f} (sd {sd[1]:.2f}) km/h")
-    print(f"  forced through zero: reference / car = {speed @ speed / (speed @ told):.4f}")
+    print(f"  forced through zero: reference / car = {speed @ speed / (speed @ wheel_speed):.4f}")
     for low, high in ((10, 20), (20, 30), (30, 40), (40, 50), (50, 55)):
         rows = (speed > low) & (speed < high)
-        ratio = speed[rows].sum() / told[rows].sum()
-        difference = np.mean(told[rows] - speed[rows])
+        ratio = speed[rows].sum() / wheel_speed[rows].sum()
+        difference = np.mean(wheel_speed[rows] - speed[rows])
         print(f"    {low}-{high} km/h: reference / car = {ratio:.4f}, car - reference = {difference:+.2f} km/h")
 
 
@@ -208,8 +208,8 @@ def _comma_imu_clock(run: RealRun, folder: Path) -> None:
             force = gained(t + window) - gained(t)
 
             def misfit(shift: float, window: float = window, force: Array = force) -> float:
-                told = np.interp(t + window + shift, times, speed) - np.interp(t + shift, times, speed)  # noqa: B023
-                return float(np.std(told - np.polyval(np.polyfit(force, told, 1), force)))
+                change = np.interp(t + window + shift, times, speed) - np.interp(t + shift, times, speed)  # noqa: B023
+                return float(np.std(change - np.polyval(np.polyfit(force, change, 1), force)))
 
             late.append(minimize_scalar(misfit, bounds=(-0.2, 0.2), method="bounded").x)
         print(

@@ -88,6 +88,6 @@ def _literal(value: Any) -> str:
 def _changed(server: Server, name: str, statement: str) -> str:
     try:
         server.sql(name, statement)
-    except AssertionError as error:  # the database holds on to what it was told to keep
+    except AssertionError as error:  # the database holds on to what it was to keep
         return f"{statement[:120]} ({str(error).strip()[:80]})"
     return statement[:160]

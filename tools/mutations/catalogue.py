@@ -625,7 +625,7 @@ _SENSORS = (
                 "0 * w[:, 2], -self.speed * w[:, 1]",
             ),
             _one(
-                "rests tell nothing of the Earth's rate", "- [0.0, 0.0, earth_rate[2]]", "+ [0.0, 0.0, earth_rate[2]]"
+                "rests show nothing of the Earth's rate", "- [0.0, 0.0, earth_rate[2]]", "+ [0.0, 0.0, earth_rate[2]]"
             ),
         ),
     ),
@@ -663,7 +663,7 @@ _SENSORS = (
                 "or declared > max(FAR_OFF",
                 "or declared < 0.0 * max(FAR_OFF",
             ),
-            _one("rests tell of what comes alone", "density**2 + factor**2 * part", "density**2 + 0.0 * part"),
+            _one("rests show what comes alone", "density**2 + factor**2 * part", "density**2 + 0.0 * part"),
             _one("stretches before say nothing of their like", "self.sums[i], self.all_sums[i])", "self.sums[i])"),
         ),
     ),

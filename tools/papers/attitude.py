@@ -56,7 +56,7 @@ FINER = "ADIS16495-1"
 STEP_M, TWIST_BASE_M = 0.25, 5.0
 FAST_S = 0.5
 FAST = f"sharp knocks, T_c {FAST_S:g} s"
-"""A filter that follows the accelerometer fast enough to feel a knock."""
+"""A filter that follows the accelerometer fast enough to follow a knock."""
 TRUTH_HZ = 100.0
 SHARP_KNOCKS = Flanging(Rigid(), seed=0, spacing_m=2.0, length_m=0.1)
 """Flange contact as the patent describes it, a shock prominent at all frequencies: the scenario's knocks are a metre

@@ -4,7 +4,7 @@ The road is in three stretches of 6 s. Slip angle: rms of the error, over a stre
 its mean over a stretch from 2 s into it on, when the filters have settled.
 
 What the measurements can say of friction at all is shown by the graph on each stretch by itself, friction constant in
-it: it is told when friction jumps.
+it: it is given the times at which friction jumps.
 """
 
 from __future__ import annotations
@@ -28,15 +28,17 @@ CONSTANT = FrictionModel(walk_density=1e-6, jump_width=1e3)
 
 def measure(seed: int) -> dict[str, float]:
     """Of every method, ``3 modes`` to ``graph``: ``slip`` and ``slip MU``, mrad; ``friction MU`` and ``sigma MU``, the
-    mean of its own sigma; ``off``, the largest error of the three frictions. ``told MU`` and ``told off``: of the graph
-    on each stretch by itself.
+    mean of its own sigma; ``off``, the largest error of the three frictions. ``constant MU`` and ``constant off``: of
+    the graph on each stretch by itself.
     """
     drive = j_turn(seed)
     tables = {f"{modes} modes": imm_ekf.run(drive.measured, modes=modes).table for modes in MODES}
     tables["graph"] = smooth_friction(drive.measured)
-    told = {f"told {mu:g}": _constant_friction(drive, *span) for mu, span in zip(FRICTION, STRETCHES_S, strict=True)}
-    told["told off"] = max(abs(found - mu) for found, mu in zip(told.values(), FRICTION, strict=True))
-    return told | {
+    constant = {
+        f"constant {mu:g}": _constant_friction(drive, *span) for mu, span in zip(FRICTION, STRETCHES_S, strict=True)
+    }
+    constant["constant off"] = max(abs(found - mu) for found, mu in zip(constant.values(), FRICTION, strict=True))
+    return constant | {
         f"{name} {quantity}": value
         for name, table in tables.items()
         for quantity, value in _scores(table, drive).items()
@@ -100,13 +102,13 @@ def _friction_lines(measured: pd.DataFrame) -> list[Comparison]:
         within = f"smoother within {NEAR:g}"
         lines.append(Comparison(f"friction at mu {mu:g}, graph", "-", within, None, graph, _near(graph, mu)))
         lines.append(Comparison("its own sigma", "-", "-", None, column[f"graph sigma {mu:g}"]))
-        lines.append(Comparison("the graph told of the jumps", "-", "-", None, column[f"told {mu:g}"]))
+        lines.append(Comparison("the graph, given the jumps", "-", "-", None, column[f"constant {mu:g}"]))
     return lines
 
 
 def _single_runs(measured: pd.DataFrame) -> list[Comparison]:
     filters = [(f"{modes} modes", measured[f"{modes} modes off"]) for modes in MODES]
-    graphs = [("graph", measured["graph off"]), ("graph told of the jumps", measured["told off"])]
+    graphs = [("graph", measured["graph off"]), ("graph, given the jumps", measured["constant off"])]
     lines = []
     for number, rows in enumerate((filters, graphs)):
         for name, off in rows:

@@ -6,7 +6,7 @@ are known far better than their ends, which irregularities hide, so they have li
 ``(BTC + BCC)/2`` and the sigma of that from the covariance.
 
 A sensor's roll is what makes the cross-level of a run's result wrong in the mean: its mounting, and what is left of the
-accelerometer's bias and of the axes' misalignment, which no motion along a track tells from it. The map's is held
+accelerometer's bias and of the axes' misalignment, which no motion along a track separates from it. The map's is held
 against the run's true one. And what is left in the map itself: its mean cross-level less the true one.
 """
 

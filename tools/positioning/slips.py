@@ -2,7 +2,7 @@
 
 A leg is from one balise to the next where the wheel slipped in between. The error of its distance, as a share of the
 true one, is measured twice: with every balise used, and with none between the first and the last one of the run, so
-that nothing but wheel and inertial sensor tell the distance, as in the paper. Over a slip itself, from where the wheel
+that only wheel and inertial sensor measure the distance, as in the paper. Over a slip itself, from where the wheel
 begins to slip until it rolls again, there is no balise either way.
 
 Events are scored by :mod:`trackfg.evaluation.slip_scores`: recall of slips and slides with a creep of 3 % or more that

@@ -12,7 +12,7 @@ run throws the dice once a run.
 
 All runs are scored as a whole, and in their second half. A batch judges the first minutes by what the sensor showed
 later, its biases and the wheel's scale; a stream knows of these, then, what its description says, and its sigmas say
-so. How much of it is due to what has not come yet is told by the batch smoother on the rows up to three moments of the
+so. How much of it is due to what has not come yet is shown by the batch smoother on the rows up to three moments of the
 run: by how many of its sigmas the stream differs from it in the seconds that leave the lag then.
 """
 
@@ -116,7 +116,7 @@ def _streamed(run: Simulation) -> Iterator[_Estimate]:
 
 def _away(run: Simulation, smoothed: pd.DataFrame, until_s: float) -> dict[str, float]:
     """The mean difference from the batch smoother on the rows up to then, in what has just left the lag, by column of
-    the trajectory, in its mean sigmas; NaN where the stream does not tell its place.
+    the trajectory, in its mean sigmas; NaN where the stream does not state its place.
     """
     batch = smooth(_up_to(run.recording, until_s)).trajectory
     left = [table[table["t_s"].between(until_s - LAG_S - LEAVING_S, until_s - LAG_S)] for table in (smoothed, batch)]

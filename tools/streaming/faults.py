@@ -172,7 +172,7 @@ def _losses(damaged: Damaged, result: Streamed, filtered: pd.DataFrame, smoothed
 
 
 def errors(own: BaseCase, damaged: Damaged, table: pd.DataFrame, ahead_s: float) -> Iterator[tuple[str, Array, Array]]:
-    """Of each quantity the errors of the rows, less what cannot be told, and their sigmas."""
+    """Of each quantity the errors of the rows, less what cannot be known, and their sigmas."""
     truth, t = own.run.truth, table["t_s"].to_numpy() - ahead_s
     clock = truth["t_s"].to_numpy()
     for quantity, small in JUDGED.items():

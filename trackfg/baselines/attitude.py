@@ -85,14 +85,14 @@ def required_wheel(recording: Recording, max_gap_s: float = 2.0) -> Wheel:
     """
     wheel = read_wheel(recording, max_gap_s)
     if wheel is None:
-        raise BadInputError(f"{recording.description.id}: no tachometer; expected one, which tells place and speed")
+        raise BadInputError(f"{recording.description.id}: no tachometer; expected one, which measures place and speed")
     return wheel
 
 
 def motion_of(recording: Recording, *, remove_static_bias: bool) -> SampledMotion:
     """Return the samples of a recording. Without a standstill at the start there is no static bias to remove.
 
-    Raises ``BadInputError`` where there is no tachometer: it tells place and speed.
+    Raises ``BadInputError`` where there is no tachometer: it measures place and speed.
     """
     wheel = required_wheel(recording)
     data = intervals(recording)

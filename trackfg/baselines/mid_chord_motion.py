@@ -18,8 +18,8 @@ the left (``left``):
 With the x axis along the path these are ``V^2`` times the path's curvatures, whether or not the vehicle speeds up.
 
 *Zeros.* At every rest the means of the gyro, and of the specific force along z less what gravity leaves of it after the
-other two axes, are taken for the sensors' offsets until the next rest. The horizontal offsets cannot be told from a
-tilt there; the filter takes them for one, so that they do not stay in ``left``.
+other two axes, are taken for the sensors' offsets until the next rest. The horizontal offsets cannot be separated from
+a tilt there; the filter takes them for one, so that they do not stay in ``left``.
 """
 
 from __future__ import annotations

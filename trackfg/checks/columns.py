@@ -173,7 +173,7 @@ def negative_speed(speed: Array, place: ColumnPlace, sensor: str = "tach") -> li
 
 
 def negative_magnitude(speed: Array, place: ColumnPlace) -> list[Finding]:
-    """Speeds below zero of a receiver, which tells a magnitude."""
+    """Speeds below zero of a receiver, which measures a magnitude."""
     hint = "leave the cell empty where the receiver has no speed"
     message, expected = "a receiver's speed below zero", "a speed of zero or more"
     return place.at_first_value(speed, speed < 0, "negative-speed", message, expected, hint)

@@ -142,7 +142,7 @@ def _listed(names: Sequence[str]) -> str:
 
 
 def _mounting(force: ForceFit | None, limits: CheckLimits) -> list[Finding]:
-    """A sensor that is turned against the direction of travel, by what it feels of accelerations."""
+    """A sensor that is turned against the direction of travel, by the accelerations that it measures."""
     if force is None:
         return []
     turns = (("pitch", force.pitch, ("below", "above")), ("yaw", force.yaw, ("to the left of", "to the right of")))
@@ -151,7 +151,7 @@ def _mounting(force: ForceFit | None, limits: CheckLimits) -> list[Finding]:
         if angle is None or not angle.exceeds(limits.mounting_deg):
             continue
         size, way = f"{abs(angle.value_deg):.1f} deg (sd {angle.sd_deg:.1f} deg)", ways[int(angle.value_deg < 0.0)]
-        message = f"the sensor points {size} {way} the direction of travel, by the accelerations that it feels"
+        message = f"the sensor points {size} {way} the direction of travel, by the accelerations that it measures"
         hint = f"turn imu.mount_rpy_deg by {name} {angle.value_deg:.1f} deg, or have it estimated"
         found.append(_warning("mounting", message, "imu.mount_rpy_deg", f"within {limits.mounting_deg:g} deg", hint))
     return found
@@ -264,7 +264,7 @@ def _silence(tach: Tach | None, spans: Sequence[SilentSpan]) -> list[Finding]:
 
 
 def _curves(tach: Tach | None, estimates: Estimates, limits: CheckLimits) -> list[Finding]:
-    """A wheel that is off by some percent, by the force of curves, where neither fixes nor GNSS tell its scale."""
+    """A wheel that is off by some percent, by the force of curves, where neither fixes nor GNSS determine its scale."""
     force, low, high = estimates.force, 1.0 / limits.lateral_scale, limits.lateral_scale
     if tach is None or force is None or estimates.wheel_scale_fixes or estimates.wheel_scale_gnss:
         return []

@@ -11,7 +11,7 @@ autocorrelation sum of ``x'`` (the sandwich formula; Newey & West, Econometrica 
 
 A wheel that pulls or brakes creeps in proportion to the force, and turns by ``v (1 + c f / g)``. Its acceleration has
 ``c |v| f' / g`` more, which looks as if the tach were ahead by ``c |v| / g``: 0.08 s at 20 m/s with c = 0.04. Least
-squares in ``f``, ``f'`` and ``|v| f' / g`` about the peak tell the clock from it, as far as speeds differ; c is 0
+squares in ``f``, ``f'`` and ``|v| f' / g`` about the peak separate the clock from it, as far as speeds differ; c is 0
 within the sigma that the smoother takes for it.
 """
 
@@ -135,10 +135,10 @@ class _Signals:
 
     def far_off(self, valid: np.ndarray, offset_s: float) -> np.ndarray:
         """Return where the tach's acceleration is far from the force that shows it ``offset_s`` later, (n,)."""
-        acceleration, felt = self.in_band(self.speed_change, valid), self._later(self.force, offset_s)
+        acceleration, force = self.in_band(self.speed_change, valid), self._later(self.force, offset_s)
         known = acceleration != 0.0
-        gain = float(felt[known] @ acceleration[known] / (felt[known] @ felt[known]))
-        off = np.where(known, acceleration - gain * felt, 0.0)
+        gain = float(force[known] @ acceleration[known] / (force[known] @ force[known]))
+        off = np.where(known, acceleration - gain * force, 0.0)
         return np.asarray(np.abs(off) > _FAR_SIGMAS * robust_sd(off[known]))
 
     def _later(self, values: Array, offset_s: float) -> Array:

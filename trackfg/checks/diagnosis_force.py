@@ -4,7 +4,7 @@
 axis of both sensors, with the tach's lag that fits it; it is taken where the horizontal force that is left unexplained
 refuses the declared one (:func:`trackfg.checks.diagnosis_gyro.is_refused`). Backwards is where the slope is negative.
 
-*Columns:* which column of the gyro belongs to which axis of the accelerometer, no reflection can tell: mirrored forces
+*Columns:* which column of the gyro belongs to which axis of the accelerometer, no reflection can show: mirrored forces
 and rates (which are pseudovectors) satisfy the same equations. One wrong sign of the lateral force looks like wrong
 signs of roll and yaw rate; of two such explanations the one that edits one sensor, and fewer columns, is given.
 """

@@ -28,7 +28,8 @@ class StaticBias:
     """Averages over all standstills, ``duration_s`` in total.
 
     ``gyro_radps`` still holds the Earth's rotation (7e-5 rad/s). ``accel_excess_mps2`` is the magnitude of specific
-    force less gravity: the part of the accelerometer's bias along the vertical; the other two cannot be told from tilt.
+    force less gravity: the part of the accelerometer's bias along the vertical; the other two cannot be separated from
+    tilt.
     """
 
     gyro_radps: tuple[float, float, float]

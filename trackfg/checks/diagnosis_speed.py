@@ -9,9 +9,10 @@ y that are independent, the true k lies between the two (Frisch 1934). Each has 
 (jackknife) values; :attr:`Slope.low` and :attr:`Slope.high` add what Student's distribution for so many blocks makes of
 three sigmas.
 
-A sensor that points to the left of the direction of travel by an angle a feels ``-sin(a)`` of the acceleration across,
-and one that points below it by b ``sin(b)`` of it upwards. These are slopes of what the balance leaves of lateral and
-vertical force on the acceleration, beside the other products of small angles (:meth:`ForceBalance.tilt_columns`).
+A sensor that points to the left of the direction of travel by an angle a measures ``-sin(a)`` of the acceleration
+across, and one that points below it by b ``sin(b)`` of it upwards. These are slopes of what the balance leaves of
+lateral and vertical force on the acceleration, beside the other products of small angles
+(:meth:`ForceBalance.tilt_columns`).
 """
 
 from __future__ import annotations

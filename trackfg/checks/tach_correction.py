@@ -4,7 +4,8 @@ The graph's priors are those of a tach that is described rightly: a scale to 1 %
 of 3.6 is one slip from the first interval to the last, and nothing contradicts it. But forward force says what the
 vehicle's acceleration is. In a band in which both show starts and stops, and neither gradients nor rounding, force is
 k times the tach's acceleration. The slope of force on acceleration is too small by the noise of the tach, the inverse
-of the slope of acceleration on force too large by all else that the accelerometer feels; k lies between them (Frisch,
+of the slope of acceleration on force too large by all else that the accelerometer measures; k lies between them
+(Frisch,
 *Statistical confluence analysis*, 1934).
 """
 
@@ -112,7 +113,7 @@ def _mistake(factor: float) -> tuple[float, str]:
 
 
 def force_per_acceleration(recording: Recording) -> float | None:
-    """Return k, the geometric mean of the two slopes, 1 if it may be near 1; None where the run does not tell."""
+    """Return k, the geometric mean of the two slopes, 1 if it may be near 1; None where nothing determines it."""
     assert recording.tach is not None
     motion = averaged(recording.imu, recording.tach, _STEP_S)
     if motion is None or motion.t_s.size * motion.step_s < 4.0 * _LONG_S or not motion.valid.any():
@@ -139,6 +140,6 @@ def _late(clock_s: float, declared_s: float) -> Finding:
 
 
 def _wrong(factor: float, why: str) -> Finding:
-    message = f"the accelerometer feels {factor:.3g} times the tach's acceleration: {why}"
+    message = f"the accelerometer measures {factor:.3g} times the tach's acceleration: {why}"
     hint = f"its distance was multiplied by {factor:.4g}; correct [tach] in recording.toml"
     return Finding("warning", "tach-factor", message, hint=hint)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from trackfg.cli.options import Json, TableFile
-from trackfg.cli.terminal import numbers, show_or_tell, titled
+from trackfg.cli.terminal import numbers, show_unless_written, titled
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
@@ -52,7 +52,7 @@ def balises(
         parts = {"balises": survey.table, "misread": survey.misread, "slips": survey.slips}
         print(json_text.dumps({name: records(table) for name, table in parts.items()}, indent=2))
         return
-    show_or_tell(*_tables(survey), written=None if out is None else f"survey: {out}")
+    show_unless_written(*_tables(survey), written=None if out is None else f"survey: {out}")
 
 
 def _tables(survey: BaliseSurvey) -> Iterator[RenderableType]:

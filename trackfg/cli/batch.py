@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from trackfg.cli.options import with_options
-from trackfg.cli.terminal import complain, note, shows_progress, tell
+from trackfg.cli.terminal import complain, note, print_unless_quiet, shows_progress
 from trackfg.errors import counted, printable
 
 if TYPE_CHECKING:
@@ -102,8 +102,10 @@ def batch(options: BatchChoices) -> None:
             _outcome_line(one.name, "done" if one.reason is None else "failed", one.reason) for one in outcomes
         )
     else:
-        tell(f"runs: {len(runs)}, fresh {len(runs) - wanted}, computed {wanted - len(failed)}, failed {len(failed)}")
-        tell(f"store: {options.out}")
+        print_unless_quiet(
+            f"runs: {len(runs)}, fresh {len(runs) - wanted}, computed {wanted - len(failed)}, failed {len(failed)}"
+        )
+        print_unless_quiet(f"store: {options.out}")
     if failed:
         raise typer.Exit(_FAILED)
 

@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from trackfg.cli.options import ResultFolder, out_file, with_options
-from trackfg.cli.terminal import show, tell, titled, working
+from trackfg.cli.terminal import print_unless_quiet, show, titled, working
 
 
 @dataclass(frozen=True)
@@ -61,4 +61,4 @@ def export(options: ExportChoices) -> None:
         content = Result.read(options.result)
         export_result(content, form, target, wanted)
     warn_of_doubt(content, options.result)
-    tell(str(target))
+    print_unless_quiet(str(target))

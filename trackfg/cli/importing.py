@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from trackfg.cli.terminal import interruptible, next_step, note, tell, titled, working
+from trackfg.cli.terminal import interruptible, next_step, note, print_unless_quiet, titled, working
 
 if TYPE_CHECKING:
     from typing import TextIO
@@ -119,12 +119,12 @@ def init(
     if measured is not None:
         _report_geometry(measured_result(*measured), out)
         write_whole(target, geometry_mapping_text(measured[1]).encode("utf-8"))
-        tell(f"mapping: {target}")
+        print_unless_quiet(f"mapping: {target}")
         return
     proposal, made = _proposed(source, out, from_format, _assume if yes else _ask, kept=target)
     write_whole(target, mapping_text(proposal).encode("utf-8"))
     _note_reasons(proposal, shown={f"{section}.{key}" for section, keys in _SHOWN.items() for key in keys})
-    tell(_recognised(proposal, source), f"mapping: {target}")
+    print_unless_quiet(_recognised(proposal, source), f"mapping: {target}")
     _report(made)
 
 
@@ -264,10 +264,10 @@ def _report_geometry(result: Result, out: Path) -> None:
     from trackfg.cli import tables
 
     result.write(out)
-    tell(tables.findings(result.summary.findings, "No fault in the table itself."))
+    print_unless_quiet(tables.findings(result.summary.findings, "No fault in the table itself."))
     chainage = result.geometry["chainage_m"]
-    tell(f"geometry: {len(chainage)} rows from {chainage.iloc[0]:.2f} m to {chainage.iloc[-1]:.2f} m")
-    tell(f"result: {out}")
+    print_unless_quiet(f"geometry: {len(chainage)} rows from {chainage.iloc[0]:.2f} m to {chainage.iloc[-1]:.2f} m")
+    print_unless_quiet(f"result: {out}")
 
 
 def _report(made: Imported) -> None:
@@ -275,10 +275,10 @@ def _report(made: Imported) -> None:
     from trackfg.cli import tables
 
     none = "No fault in the tables themselves: trackfg check says whether they agree."
-    tell(tables.findings(made.loaded.findings, none))
+    print_unless_quiet(tables.findings(made.loaded.findings, none))
     for name, rows in made.rows.items():
-        tell(f"{name}: {rows} rows")
-    tell(f"recording: {made.folder}")
+        print_unless_quiet(f"{name}: {rows} rows")
+    print_unless_quiet(f"recording: {made.folder}")
     if any(finding.level == "error" for finding in made.loaded.findings):
         raise typer.Exit(2)
     next_step(f"trackfg check {made.folder}", f"trackfg smooth {made.folder} -o {made.folder}-out")

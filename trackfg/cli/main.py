@@ -52,11 +52,11 @@ from trackfg.cli.terminal import (
     complain,
     next_step,
     note,
+    print_unless_quiet,
     progress_bar,
     set_quiet,
     show,
-    show_or_tell,
-    tell,
+    show_unless_written,
     titled,
     working,
 )
@@ -112,8 +112,8 @@ def demo(
     with progress_bar() as progress:
         done = run_demo(out, progress=progress)
     _warn_unless_converged(done.result)
-    tell(*comparison_tables.of_comparison(done.comparison.about), tables.summary(done.result))
-    tell(*(str(done.folder / name) for name in CONTENT))
+    print_unless_quiet(*comparison_tables.of_comparison(done.comparison.about), tables.summary(done.result))
+    print_unless_quiet(*(str(done.folder / name) for name in CONTENT))
 
 
 @app.command(example="trackfg scenarios")
@@ -176,7 +176,7 @@ def simulate(
         simulation = run_scenario(plan, seed=seed, run=run, duration_s=duration, progress=progress)
         with replaced_folder(out) as new:
             simulation.write(new)
-    tell(f"recording: {out}")
+    print_unless_quiet(f"recording: {out}")
     next_step(f"trackfg check {out}", f"trackfg smooth {out} -o {out}-out")
 
 
@@ -236,10 +236,10 @@ def smooth(options: SmoothOptions) -> None:
     if options.json:
         print(result.summary.model_dump_json(indent=2))
     else:
-        tell(tables.summary(result), *tables.verdicts(result))
+        print_unless_quiet(tables.summary(result), *tables.verdicts(result))
         if result.summary.findings:
-            tell(tables.findings(result.summary.findings))
-        tell(f"result: {options.out}")
+            print_unless_quiet(tables.findings(result.summary.findings))
+        print_unless_quiet(f"result: {options.out}")
         next_step(f"trackfg report {options.out}")
     if not result.summary.converged:
         raise typer.Exit(_NOT_TO_BE_TRUSTED)
@@ -262,7 +262,7 @@ def baseline(
     refuse_foreign(out)
     with working(name):
         run(read_recording(recording)).write(out)
-    tell(f"result: {out}")
+    print_unless_quiet(f"result: {out}")
 
 
 @app.command(example="trackfg estimators", loads="trackfg.comparison.estimators")
@@ -325,7 +325,7 @@ def compare(options: CompareOptions) -> None:
     if options.json:
         print(result.about.model_dump_json(indent=2))
         return
-    tell(*comparison_tables.of_comparison(result.about), f"comparison: {options.out}")
+    print_unless_quiet(*comparison_tables.of_comparison(result.about), f"comparison: {options.out}")
     next_step(f"trackfg report {options.out}")
 
 
@@ -367,7 +367,7 @@ def limits(
     if json:
         print(limit_tables.judgement_json(judgement))
         return
-    show_or_tell(*limit_tables.of_judgement(judgement), written=None if out is None else f"exceedances: {out}")
+    show_unless_written(*limit_tables.of_judgement(judgement), written=None if out is None else f"exceedances: {out}")
 
 
 @dataclass(frozen=True)
@@ -407,7 +407,7 @@ def report(asked: ReportOptions) -> None:
         )
     if asked.recording is not None and is_without_truth(asked.recording):
         note(f"trackfg: note: {asked.recording}: has no [truth]: the page shows no errors")
-    tell(f"report: {page}")
+    print_unless_quiet(f"report: {page}")
 
 
 def _warn_unless_converged(result: Result) -> None:

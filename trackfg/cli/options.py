@@ -212,7 +212,7 @@ class Commands(typer.Typer):
 
 
 def _with_output_options(run: Callable[..., None], loads: str | None) -> Callable[..., None]:
-    """Add ``--quiet``, and ``--json`` where the command has none of its own: it then prints what it tells as JSON.
+    """Add ``--quiet``, and ``--json`` where the command has none of its own: then its lines and tables are JSON.
 
     The module that it ``loads`` is imported before it runs.
     """

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from trackfg.cli.options import Json
-from trackfg.cli.terminal import numbers, show_or_tell, titled, working
+from trackfg.cli.terminal import numbers, show_unless_written, titled, working
 from trackfg.files.atomic_folder import real_path
 from trackfg.files.libraries import library
 
@@ -65,7 +65,7 @@ def overlay(
     if json:
         print(_as_json(laid))
         return
-    show_or_tell(*_tables(laid), written=None if out is None else f"overlay: {out}")
+    show_unless_written(*_tables(laid), written=None if out is None else f"overlay: {out}")
 
 
 def _names(runs: Sequence[Path]) -> list[str]:

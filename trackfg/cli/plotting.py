@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from trackfg.cli.options import Level, Limits, LineSpeed, ResultFolder, limit_choice, out_file, refuse_inside
-from trackfg.cli.terminal import complain, tell, working
+from trackfg.cli.terminal import complain, print_unless_quiet, working
 from trackfg.errors import BadInputError, counted
 from trackfg.files.atomic_folder import real_path
 
@@ -50,12 +50,12 @@ def plot(
     if content.geometry.empty and choice is None and from_m is None and to_m is None:
         with working("chart"):
             plot_trajectory(content, path)
-        tell(f"chart of the trajectory, since there is no track geometry: {path}")
+        print_unless_quiet(f"chart of the trajectory, since there is no track geometry: {path}")
         return
     lines = _limit_lines(content, choice)
     with working("chart"):
         plot_geometry(content, path, from_m=from_m, to_m=to_m, limits=lines)
-    tell(f"chart: {path}")
+    print_unless_quiet(f"chart: {path}")
 
 
 def _limit_lines(result: Result, choice: LimitChoice | None) -> list[LimitLine]:

@@ -10,7 +10,7 @@ from typing import Annotated
 import typer
 
 from trackfg.cli.options import Json, Limits, LineSpeed, TableFile
-from trackfg.cli.terminal import numbers, show_or_tell, titled, working
+from trackfg.cli.terminal import numbers, show_unless_written, titled, working
 
 _MOST_COLUMNS = 8
 """Columns that are shown in a terminal."""
@@ -50,4 +50,4 @@ def statistics(
         shown.add_row(*(f"{place:.0f}" for place in row[:2]), *sds)
     more = len(names) - _MOST_COLUMNS
     lines = [f"{more} columns more: -o and --json have all"] if more > 0 else []
-    show_or_tell(shown, *lines, written=None if out is None else f"statistics: {out}")
+    show_unless_written(shown, *lines, written=None if out is None else f"statistics: {out}")

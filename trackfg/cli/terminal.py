@@ -92,7 +92,7 @@ def set_quiet(quiet: bool) -> None:
 
 @contextmanager
 def printed_as_json() -> Iterator[None]:
-    """Print what the block shows or tells as one JSON object when it ends, also where it ends with an exit status.
+    """Print what the block shows as one JSON object when it ends, also where it ends with an exit status.
 
     ``key: value`` becomes a member, a line without a key one of ``files``, a table one of ``tables`` with its rows.
     """
@@ -148,7 +148,7 @@ def numbers(*headings: str) -> list[Column]:
     return columns(*headings, justify="right")
 
 
-def tell(*parts: RenderableType) -> None:
+def print_unless_quiet(*parts: RenderableType) -> None:
     """Print lines and tables that go with what a command wrote; nothing with ``--quiet``."""
     if _Loudness.quiet and _Loudness.collected is None:
         return
@@ -163,10 +163,10 @@ def _print(part: RenderableType) -> None:
         show(part)
 
 
-def show_or_tell(*parts: RenderableType, written: str | None) -> None:
-    """Show what a command is called for, or, where it has ``written`` that to a file, tell it and the line."""
+def show_unless_written(*parts: RenderableType, written: str | None) -> None:
+    """Show what a command is called for, or, where it has ``written`` that to a file, also say so, unless quiet."""
     if written is not None:
-        tell(*parts, written)
+        print_unless_quiet(*parts, written)
         return
     for part in parts:
         _print(part)

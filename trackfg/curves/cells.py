@@ -84,7 +84,7 @@ def cells_of(profile: pd.DataFrame, base_m: float) -> list[Cells]:
     values = {name: profile[name].to_numpy(dtype=np.float64) for name in names if name in profile}
     for name in ("curvature_1pm", "cross_level_mm"):
         if f"{name}_sd" in values and not np.isfinite(values[f"{name}_sd"]).any():
-            values[f"{name}_sd"] = np.zeros(len(chainage))  # nothing tells it: all noise is among the residuals
+            values[f"{name}_sd"] = np.zeros(len(chainage))  # nothing determines it: all noise is among the residuals
     known = np.isfinite(values["curvature_1pm"]) & np.isfinite(values["curvature_1pm_sd"])
     used = np.flatnonzero(known)
     far = np.flatnonzero(np.diff(place[used]) * step > BRIDGED_M + step)

@@ -113,7 +113,7 @@ def fitted(chain: CurveChain, stretch: Stretch) -> Fit:
         idle = idle + 1 if gained < _LITTLE else 0
         if max(promised, gained) < _SETTLED or idle == _PATIENCE:
             break
-    # What the data do not tell gets a large variance, not an infinite one.
+    # What the data do not determine gets a large variance, not an infinite one.
     _, s, v = np.linalg.svd(j, full_matrices=False)
     w = v / np.maximum(s, max(1e-8 * s[0], 1e-8))[:, None] * scales
     freedom = sum(observed.increments.freedom for observed in (stretch.turn, stretch.tilt) if observed is not None)

@@ -26,7 +26,7 @@ def geometry_errors(
 ) -> pd.DataFrame:
     """Return errors of a geometry table at the places where its rows were measured.
 
-    ``trajectory`` and ``truth`` have ``t_s, chainage_m``; a ``geometry`` with ``t_s``, as of a stream, tells by itself
+    ``trajectory`` and ``truth`` have ``t_s, chainage_m``; a ``geometry`` with ``t_s``, as of a stream, holds by itself
     when the vehicle was where. Columns, one row per row of ``geometry``: ``chainage_m``
     (estimated), ``speed_mps``, and for every quantity that the truth has too its error, under its own name, and its
     sigma, ``_sd``; NaN where the estimate or the truth has no value. Where the run passed a place more than once, the

@@ -1,7 +1,7 @@
 """Score a trajectory against the true one: attitude, speed, place along the track, distance, horizontal position.
 
-A chainage that starts anywhere (an odometer knows no kilometre posts) can still tell distances, so that two things are
-scored: where the vehicle was said to be, and how long each kilometre was said to be.
+A chainage that starts anywhere (an odometer knows no kilometre posts) can still measure distances, so that two things
+are scored: where the vehicle was said to be, and how long each kilometre was said to be.
 """
 
 from __future__ import annotations

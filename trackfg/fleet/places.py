@@ -34,7 +34,7 @@ _MOST_BYTES = 2**30
 """Size of a file that is read whole: a month of a store's catalogue has 1 kB a run, 20 with the log of a failed one."""
 
 _VERSIONS = ("ETag", "etag", "LastModified", "last_modified", "mtime", "updated", "md5Hash", "Content-MD5", "CRC")
-"""What different file systems tell of a file that is another whenever its content is."""
+"""Metadata of different file systems, each of which changes with the content of a file."""
 
 
 class PlaceError(TrackfgError):
@@ -138,7 +138,7 @@ def matching(folder: str, pattern: str) -> list[str]:
 
 
 def signature(folder: str, names: Sequence[str]) -> str | None:
-    """Return what tells of files at a URL whether they changed; None where one is missing or nothing tells."""
+    """Return metadata that changes with the files at a URL; None where a file or its metadata is missing."""
     parts = []
     for name in names:
         place = joined(folder, name) if name else folder

@@ -121,7 +121,7 @@ def exceedances(
     tables, unknown, not_judged = [], [], []
     for limit in limits:
         if to_left is None and (limit.track != "any" or limit.parameter == "reverse_cross_level"):
-            not_judged.append((limit, "needs the column curvature_1pm, to tell curves from tangent track"))
+            not_judged.append((limit, "needs the column curvature_1pm, to separate curves from tangent track"))
             continue
         sides = np.zeros(len(chainage)) if to_left is None else to_left
         judged = quantities(geometry, limit, sides, gauge_m, lengths)

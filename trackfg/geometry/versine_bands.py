@@ -41,7 +41,7 @@ def band_of_versine(versine: ArrayLike, step_m: float, chord_m: float, band: Ban
     """
     if band.shortest_m < 2.0 * chord_m:
         raise BadInputError(
-            f"band from {band.shortest_m:g} m: a versine over {chord_m:g} m tells waves from {2.0 * chord_m:g} m on"
+            f"band from {band.shortest_m:g} m: a versine over {chord_m:g} m shows waves from {2.0 * chord_m:g} m on"
         )
     return convolve_runs(np.asarray(versine, dtype=np.float64), _kernel(step_m, chord_m, band))
 

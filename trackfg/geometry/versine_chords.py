@@ -77,7 +77,7 @@ def _undetermined(band: Band, from_m: float, chord_m: float) -> str:
         waves = f"has no waves of {from_m / 2.0:g} m, which a versine over {from_m:g} m lacks"
         return f"band from {band.shortest_m:g} to {band.longest_m:g} m {waves}"
     if chord_m > _MOST_RATIO * from_m:
-        return f"chord of {chord_m:g} m: versines over {from_m:g} m tell chords to {_MOST_RATIO * from_m:g} m"
+        return f"chord of {chord_m:g} m: versines over {from_m:g} m determine chords to {_MOST_RATIO * from_m:g} m"
     return ""
 
 

@@ -2,7 +2,7 @@
 
 Below the top of its creep curve a wheel creeps the way of the force, ahead in traction and behind under the brake
 (:func:`trackfg.factors.odometry.wheel_response`), never the other way. Where rails are slippery under one axle only,
-its wheel parts from the others, and the sign tells which of them is wrong. A first solution knows the wheels' scales
+its wheel parts from the others, and the sign shows which of them is wrong. A first solution knows the wheels' scales
 and clocks, and leaves the residual e (m) of each wheel's distance. With s the sign of the force, wheel i creeps by
 
     c_i = (C_i(t + T/2) - C_i(t - T/2)) / T,   C_i the sum of s e_i,

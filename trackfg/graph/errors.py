@@ -1,4 +1,4 @@
-"""A table tells the errors of all factors at given states."""
+"""This module lists the errors of all factors at given states in a table."""
 
 from __future__ import annotations
 

@@ -6,10 +6,10 @@ of a wheel spoils it. Over a run it is off by
     b + d t + k a + psi v w + g rho turn:
 
 the accelerometer's bias b; a drift d of the pitch, since the gyro has a bias, too; its scale k; the yaw psi of the
-sensor in its mounting, by which it feels the curve's side force v w as well; and the error rho of its roll, by which
-each turn of the vehicle looks like a change of pitch. A sensor of a few euros, whose bias of 50 mg is 50 mrad of roll,
-is off by 0.5 m/s^2 after each curve of 60 degrees. All five follow from what the wheel says of the acceleration, by
-least squares with Cauchy's weights: where it slips, other than for most of the run, it has none.
+sensor in its mounting, by which it measures a share of the curve's side force v w as well; and the error rho of its
+roll, by which each turn of the vehicle looks like a change of pitch. A sensor of a few euros, whose bias of 50 mg is 50
+mrad of roll, is off by 0.5 m/s^2 after each curve of 60 degrees. All five follow from what the wheel says of the
+acceleration, by least squares with Cauchy's weights: where it slips, other than for most of the run, it has none.
 """
 
 from __future__ import annotations

@@ -39,7 +39,7 @@ from trackfg.recording.model import GNSS_SPEED_TABLE, TACH_COLUMNS, Recording
 from trackfg.sensors.tach import SPEED_NOISE_MPS, Wheel, longest_silence_s, read_resolution
 
 BEFORE_S = 1.0
-"""Rows this much older than an interval (s) tell how far apart rows usually are."""
+"""Rows this much older than an interval (s) determine how far apart rows usually are."""
 
 _SWAY_SD_M = 2e-3
 """How far the sensor's place moves along the track besides the reference point, between two keyframes: the body pitches

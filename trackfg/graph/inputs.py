@@ -53,7 +53,7 @@ class World(Outlined):
 
 
 def world_of(recording: Recording) -> World:
-    """Return gravity, the Earth's rotation and the heading at the start, as far as the recording tells."""
+    """Return gravity, the Earth's rotation and the heading at the start, as far as the recording declares them."""
     track = recording.description.track
     latitude = track.latitude_deg if recording.gnss_origin is None else float(recording.gnss_origin[0])
     height = 0.0 if recording.gnss_origin is None else float(recording.gnss_origin[2])

@@ -1,4 +1,4 @@
-"""Fixes and GNSS tell where the vehicle is."""
+"""Fixes and GNSS measure where the vehicle is."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def _gnss(inputs: GraphInputs, gnss: pd.DataFrame, description: Gnss, loss: Loss
     config = inputs.config
     table, t, index = _during_run(inputs, gnss)
     lever = np.array(description.lever_arm_m) - inputs.lever_arm
-    # n readings of an error with correlation time tau tell as much as n dt / (2 tau) independent ones.
+    # n readings of an error with correlation time tau are worth n dt / (2 tau) independent ones.
     interval = float(np.median(np.diff(t))) if t.size > 1 else np.inf
     inflation = np.sqrt(max(1.0, 2.0 * config.position.gnss_correlation_s / interval))
     sigma = table[["east_sd_m", "north_sd_m", "up_sd_m"]].to_numpy() * (config.noise.gnss * inflation)

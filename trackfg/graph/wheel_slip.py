@@ -50,7 +50,7 @@ _REST_SD_MPS = 0.01
 """Sigma of the speed at rest, m/s."""
 
 _SILENT_SD_M = 1e6
-"""Sigma of a distance that the wheel does not tell, m: any."""
+"""Sigma of a distance that the wheel does not measure, m: any."""
 
 _FEWEST = 5
 """Times: a shorter run is not searched."""
@@ -65,7 +65,7 @@ _LEAST_WEIGHT = 1e-6
 
 _BREAKDOWN = 0.5
 """Share of a turning wheel's distances that may be wrong: with more no estimator can say which are right (Rousseeuw &
-Leroy, Robust Regression and Outlier Detection, 1.2), and a force that is felt wrongly looks like a slip without end."""
+Leroy, Robust Regression and Outlier Detection, 1.2), and a force that is wrong looks like a slip without end."""
 
 _ROUNDS = 8
 """Rounds of least squares and probabilities at most; :data:`_SETTLED` ends them earlier."""
@@ -106,7 +106,7 @@ class Rolling:
 class _Evidence(NamedTuple):
     """The evidence of each step is a forward acceleration (m/s^2) and a rolled distance with its sigma (m).
 
-    ``noise`` is the acceleration's (m/s in 1 s), ``walk`` the sigma of the change of b (m/s^2); the last two tell
+    ``noise`` is the acceleration's (m/s in 1 s), ``walk`` the sigma of the change of b (m/s^2); the last two say
     whether the vehicle rests at the step's start and end.
     """
 
@@ -141,8 +141,8 @@ def rolling(
     t = np.arange(data.edges[0], data.edges[-1], _STEP_S)
     if len(t) < _FEWEST:
         return Rolling(t, wheel.rate(t), np.ones(len(t) - 1, dtype=bool), wheel)
-    felt = forward_force(t, wheel, data, floor, path, gravity, config)
-    evidence = _evidence(t, wheel, felt, rests, gravity, config)
+    force = forward_force(t, wheel, data, floor, path, gravity, config)
+    evidence = _evidence(t, wheel, force, rests, gravity, config)
     credible = _passed(evidence) | _passed(evidence.reversed())[::-1]
     weight = np.where(credible, 1.0, _LEAST_WEIGHT)
     resting = np.append(evidence.rests_before[0], evidence.rests_after & credible)
@@ -160,22 +160,22 @@ def rolling(
 
 
 def _evidence(
-    t: Array, wheel: Wheel, felt: ForwardForce, rests: Array, gravity: float, config: SmoothConfig
+    t: Array, wheel: Wheel, force: ForwardForce, rests: Array, gravity: float, config: SmoothConfig
 ) -> _Evidence:
     rolled = np.diff(wheel.at(t))
-    creep = np.hypot(_CREEP * rolled, creep_sd(config.tach.creep_per_traction, rolled * felt.force / gravity))
+    creep = np.hypot(_CREEP * rolled, creep_sd(config.tach.creep_per_traction, rolled * force.force / gravity))
     if wheel.integrates_speed:
         noise = wheel.speed_variance(t, config.tach.speed_noise_mps)
     else:
         rounding = wheel.reading_sd(t)
         noise = rounding[1:] ** 2 + rounding[:-1] ** 2
-    late = config.tach.clock_offset_sd_s * felt.acceleration * _STEP_S
+    late = config.tach.clock_offset_sd_s * force.acceleration * _STEP_S
     sigma = np.sqrt(creep**2 + noise + late**2) * config.noise.tach
     sigma[~(wheel.covers(t[1:]) & wheel.covers(t[:-1]))] = _SILENT_SD_M
-    change = np.diff(felt.acceleration, append=felt.acceleration[-1])
+    change = np.diff(force.acceleration, append=force.acceleration[-1])
     walk = np.hypot(_ERROR_WALK * np.sqrt(_STEP_S), _SCALE_SD * change)
     resting = within(t, rests)
-    return _Evidence(felt.acceleration, felt.noise, rolled, sigma, walk, resting[:-1], resting[1:])
+    return _Evidence(force.acceleration, force.noise, rolled, sigma, walk, resting[:-1], resting[1:])
 
 
 def _passed(evidence: _Evidence) -> np.ndarray:

@@ -11,8 +11,8 @@ It is fed with
 - GNSS positions, if there are any, with the median of their sigmas: python-ins takes one for all. The wheel's scale is
   no state of it, so the forward speed then has the sigma of that scale too;
 - where it starts: heading by GNSS (:func:`trackfg.sensors.dead_reckoning.initial_path`), as declared, or yaw 0 where
-  nothing tells it. From a standstill at the start come the tilt and, less the Earth's rate in that attitude, the gyro's
-  bias; where there is none, tilt is the initial path's.
+  nothing determines it. From a standstill at the start come the tilt and, less the Earth's rate in that attitude, the
+  gyro's bias; where there is none, tilt is the initial path's.
 
 Signs are converted here: FLU and ENU to FRD and NED, so y, z, pitch and the heading change theirs.
 

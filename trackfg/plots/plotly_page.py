@@ -281,7 +281,7 @@ def _outline(curve: SheetCurve) -> tuple[Array, Array]:
 
 
 def _small(values: Array) -> NDArray[np.float32]:
-    """Round to seven digits: what a screen cannot tell from more, in half the bytes."""
+    """Round to seven digits: a screen shows no more, and they take half the bytes."""
     return values.astype(np.float32)
 
 

@@ -22,7 +22,7 @@ def is_declared(gnss: Gnss) -> bool:
 def with_antenna_named(findings: Iterable[Finding], gnss: Gnss | None) -> tuple[Finding, ...]:
     """Return findings of which those that an antenna elsewhere causes name its lever arm, where none is declared.
 
-    An antenna l ahead is where the vehicle is l / v later: at one speed it cannot be told from a clock.
+    An antenna l ahead is where the vehicle is l / v later: at one speed it cannot be separated from a clock.
     """
     if gnss is None or is_declared(gnss):
         return tuple(findings)

@@ -103,7 +103,7 @@ class Track(Model):
 
 class ImuNoise(Model):
     """Continuous-time densities, sigmas of initial biases, and how well the sensor is calibrated: scale factors, axes
-    (what one feels of another's input), what the gyro feels of accelerations, the accelerometer's bias per power of
+    (what one senses of another's input), what the gyro senses of accelerations, the accelerometer's bias per power of
     vibration. SI (see the recording format).
     """
 

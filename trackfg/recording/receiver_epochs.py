@@ -24,7 +24,7 @@ from trackfg.recording.model import GNSS_COLUMNS, GNSS_SPEED_COLUMNS, GNSS_SPEED
 _LONGER = 1.5
 """Intervals from which on a run of equal rows is longer than one: between one and two."""
 _FEWEST = 5
-"""Runs below which nothing tells how often the receiver measures."""
+"""Runs below which nothing shows how often the receiver measures."""
 _FASTEST_S, _SLOWEST_S = 0.04, 1.0
 """Then a table that is written faster than the fastest receivers measure (20 Hz, and some with 25 Hz) is taken for one
 beside the slowest, s."""

@@ -91,7 +91,7 @@ class PlaceCovariance(Outlined):
 
     @classmethod
     def none(cls) -> PlaceCovariance:
-        """Return the covariance of a run that tells nothing of the track."""
+        """Return the covariance of a run without information about the track."""
         return cls.of(np.zeros(0), np.zeros((0, 0)))
 
     def at(self, chainage: Array) -> Array:

@@ -98,7 +98,7 @@ class GeometryConventions(Model):
 class RunFacts(Model):
     """What joining runs into a map needs to know of the recording.
 
-    ``content_sha256`` tells the same measurements again, whatever the recording is called; ``files_sha256`` the same
+    ``content_sha256`` identifies the same measurements, whatever the recording is called; ``files_sha256`` the same
     files, byte by byte (:mod:`trackfg.io.content`), null where it was not read from files. ``anchored``: fixes gave the
     chainage, which else counts from the start of the run. ``imu_id``: which sensor in which mounting, and
     ``mount_roll_sd_rad`` how well the roll of that is known. ``origin``: of east, north, up: WGS 84 latitude (deg),

@@ -1,4 +1,4 @@
-"""The clock of a GNSS receiver against the vehicle's: the shape of the path tells by how much its stamps are off.
+"""The clock of a GNSS receiver against the vehicle's: the shape of the path shows by how much its stamps are off.
 
 Dead reckoning with the yaw rate w and the wheel's speed v gives the path p in plan as complex numbers, right but for
 where it begins, which way it goes, its scale, and a slow change of these. The antenna is l away from it, forward and to

@@ -14,8 +14,8 @@ J. American Statistical Association 75 (1980), for the mean of the log of a peri
 less Euler's constant.
 
 A line of an engine's vibration that lies near a multiple of the sampling rate is folded to near zero, where no spectrum
-in motion tells it from motion. But at rest all is noise: there the variance of means over half a second shows it, and
-what shakes a vehicle at rest shakes it in motion, too (:meth:`NoiseFloor.with_rests`).
+in motion distinguishes it from motion. But at rest all is noise: there the variance of means over half a second shows
+it, and what shakes a vehicle at rest shakes it in motion, too (:meth:`NoiseFloor.with_rests`).
 
 Two more things count as noise of an interval:
 

@@ -25,7 +25,7 @@ _MOVING_MPS = 1.0
 """Slower than this a signal may be silent, or stand still without noise."""
 
 _FEWEST = 20
-"""Fewer differences tell no noise: the sigma of a sigma is a sixth then."""
+"""Fewer differences determine no noise: the sigma of a sigma is a sixth then."""
 
 _LEAST_MPS = 0.005
 """m/s in 1 s: less than a sensor of the speed on a vehicle that rocks on its springs has."""

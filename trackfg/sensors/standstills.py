@@ -13,9 +13,9 @@ their variance over 5, whatever the spectrum (batch means; Law, *Simulation Mode
 block that is far from the candidate's median, or far noisier than its quietest blocks, moves.
 
 On a smooth straight a moving vehicle is as steady as one at rest. A candidate that the tach enters or leaves faster
-than anything brakes, or by a change of speed of which the accelerometer felt less than a quarter, is therefore a tach
-that fell silent, and no standstill. Without a tach, rests have one rate, the gyro's bias, unlike curves; and where GNSS
-alone tells the speed, it must have seen the rest.
+than anything brakes, or by a change of speed of which the accelerometer measured less than a quarter, is therefore a
+tach that fell silent, and no standstill. Without a tach, rests have one rate, the gyro's bias, unlike curves; and where
+GNSS alone measures the speed, it must have seen the rest.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ _PIECES = 5
 """Pieces of a block, whose scatter gives the error of its mean: 0.1 s, so that brakes do not pass for vibration."""
 
 _MARGIN_S = 1.5
-"""A gentle start takes this long to show where only the inertial sensor tells, s: trimmed from both ends."""
+"""A gentle start takes this long to show where only the inertial sensor measures it, s: trimmed from both ends."""
 
 _FEWEST_BLOCKS = 6
 """A rest of so many blocks has the median force of a standstill, even if the vehicle brakes in the first two of them
@@ -70,24 +70,24 @@ Chosen on simulated runs.
 """
 
 _CRAWL_MPS = 1.0
-"""Slowest motion that positions have to tell from a rest, m/s: walking pace, which may be as steady as a rest."""
+"""Slowest motion that positions have to separate from a rest, m/s: walking pace, which may be as steady as a rest."""
 
 _SCATTER_LIMITS = (0.02, 0.3)
 """rad/s, m/s^2: without a tach nothing that shakes more than this is called at rest."""
 
 _SPEED_CHANGE_S = 2.0
-"""The accelerometer must have felt the change of the tach's speed within this time of a rest, s."""
+"""The accelerometer must have measured the change of the tach's speed within this time of a rest, s."""
 
 _LATENCY_S = 1.0
-"""It may have felt it this much earlier or later, s: a speed that a bus brings may be a second old."""
+"""It may have measured it this much earlier or later, s: a speed that a bus brings may be a second old."""
 
 _SETTLED_S = 0.5
 """So much of the rest itself is looked at besides, s."""
 
-_FELT = 0.25
-"""Share of the change which must have been felt: a wheel slips, a driver eases off the brake before the end."""
+_CONFIRMED = 0.25
+"""Share of the change which must have been measured: a wheel slips, a driver eases off the brake before the end."""
 
-_FELT_MPS = 0.75
+_CONFIRMED_MPS = 0.75
 """What is enough in any case, m/s: a gradient that changes by 20 per mille feigns 0.7 m/s in those 3.5 s."""
 
 _LEAST_CHANGE_MPS = 1.5
@@ -249,12 +249,12 @@ def _near(mean: Array, centre: Array, error: Array) -> np.ndarray:
 
 
 def _felt(samples: _Samples, candidates: Candidates) -> np.ndarray:
-    """Return which candidates (m,) the vehicle came to by a change of speed that the accelerometer felt.
+    """Return which candidates (m,) the vehicle came to by a change of speed that the accelerometer measured.
 
-    A tach that spins as the wheels slip is excused by what was felt at all; and where its record begins at rest, the
-    end must have been felt. The scale is that of gravity as the sensor shows it.
+    A tach that spins as the wheels slip is excused by what was measured at all; and where its record begins at rest,
+    the end must have been measured. The scale is that of gravity as the sensor shows it.
     """
-    felt = np.ones(len(candidates.spans), dtype=bool)
+    confirmed = np.ones(len(candidates.spans), dtype=bool)
     for k, (span, speeds) in enumerate(zip(candidates.spans, candidates.speeds, strict=True)):
         side = 0 if span[0] > samples.t[0] else 1
         edge, way = span[side], (-1.0, 1.0)[side]
@@ -262,8 +262,8 @@ def _felt(samples: _Samples, candidates: Candidates) -> np.ndarray:
         ((rest,), _), ((moving,), _) = samples.means(span), samples.means(window)
         gravity = max(float(np.linalg.norm(rest[3:6])), 1e-6)
         change = float(np.linalg.norm(moving[3:6] - rest[3:6])) * (window[1] - window[0]) * STANDARD_GRAVITY / gravity
-        felt[k] = speeds[side] < _LEAST_CHANGE_MPS or change > min(_FELT * speeds[side], _FELT_MPS)
-    return felt
+        confirmed[k] = speeds[side] < _LEAST_CHANGE_MPS or change > min(_CONFIRMED * speeds[side], _CONFIRMED_MPS)
+    return confirmed
 
 
 def _quiet_spans(samples: _Samples, duration_s: float) -> Array:

@@ -76,10 +76,10 @@ _CHORD_SIGMAS = 10.0
 """Headings are those between positions that are so many of their sigmas apart: 0.14 rad."""
 
 _FEWEST_CHORDS = 3
-"""Fewer headings tell no rate."""
+"""Fewer headings determine no rate."""
 
 _LONGEST_CHORD_S = 60.0
-"""A pair of positions further apart in time, s, tells no heading: a bias of 3 deg/s turns by half a circle."""
+"""A pair of positions further apart in time, s, determines no heading: a bias of 3 deg/s turns by half a circle."""
 
 
 @dataclass(frozen=True)
@@ -226,8 +226,8 @@ def _drift_and_error(terms: Array, off: Array, declared_sd: float, by_gyro_sd: f
 
 
 def _spans_per_value(terms: Array, rest: Array, size: int) -> float:
-    """Return how many spans, of ``size`` values of ``rest`` (n,) each, tell as much of the heading's share as one that
-    is independent of the others.
+    """Return how many spans, of ``size`` values of ``rest`` (n,) each, determine the heading's share as well as one
+    that is independent of the others.
 
     It is ``1 + 2 sum r s`` over the lags up to which both autocorrelations are positive, r that of the rest and s that
     of the heading less a straight line (Bartlett, Journal of the Royal Statistical Society 98, 1935).
@@ -310,7 +310,7 @@ def _shorth(x: Array) -> tuple[float, float]:
 
 
 def _yaw_rates(motion: GridMotion, rate: Array) -> Array:
-    """Return means of the yaw rate (n,) over a second each, where the vehicle moves or nothing tells its speed."""
+    """Return means of the yaw rate (n,) over a second each, where the vehicle moves or nothing measures its speed."""
     size = max(1, round(_MEAN_S / median_interval(motion.t)))
     means, speed = _means(rate, size), _means(np.abs(motion.speed), size)
     moving = speed > _STANDING_MPS

@@ -21,8 +21,8 @@ from trackfg.recording.model import IMU_COLUMNS, Recording
 from trackfg.sensors.tach_rows import rows_are_pulses, tach_quantum_m
 
 SPEED_NOISE_MPS = 0.1
-"""Noise of a speed signal where neither the settings nor its rows tell it, m/s in 1 s: a tenth of a second's speed in
-whole km/h.
+"""Noise of a speed signal where neither the settings nor its rows determine it, m/s in 1 s: a tenth of a second's speed
+in whole km/h.
 """
 
 _GRID_S = 0.1
@@ -90,7 +90,7 @@ class Wheel(Outlined):
     def speed_variance(self, t: Array, noise_mps: float) -> Array:
         """Return the variance of the integrated speed between neighbouring times (m,), m^2, shape (m - 1,).
 
-        ``noise_mps``, m/s in 1 s, is as the settings give it; 0 where the rows tell it as far as they can.
+        ``noise_mps``, m/s in 1 s, is as the settings give it; 0 where the rows determine it as far as they can.
         """
         if noise_mps == 0.0 and self.grown is not None:
             return np.diff(np.interp(t, self.t, self.grown))

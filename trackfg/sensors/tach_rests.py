@@ -53,10 +53,10 @@ _WINDOW_S = 1.0
 """The mean of a speed signal is taken over this, s."""
 
 _FEWEST_ROWS = 5
-"""It is taken over so many rows at least: fewer do not tell their noise."""
+"""It is taken over so many rows at least: fewer do not determine their noise."""
 
 _SPARSE_S = 0.25
-"""Rows further apart, s, do not tell noise from stop and go: at rest they have to be zero."""
+"""Rows further apart, s, do not distinguish noise from stop and go: at rest they have to be zero."""
 
 _NOISE_S = 0.1
 """Second differences are taken over this, s: by then a signal differs that is filtered or repeated row by row."""
@@ -71,7 +71,7 @@ _NO_MPS = 1e-6
 """Smaller speeds are roundings of the distance that a speed was integrated to, m/s."""
 
 _LONGEST_TRIM_S = 2.0
-"""At most so much is taken off a span of a speed signal, s: the inertial sensor tells what is left of the motion."""
+"""At most so much is taken off a span of a speed signal, s: the inertial sensor measures what is left of the motion."""
 
 _OUTWARDS = np.array([-1.0, 1.0])
 """Before the start and after the end of a span."""
@@ -168,7 +168,7 @@ def _slow_spans(t: Array, distance: Array) -> tuple[Array, Array]:
     mean = np.abs(uniform_filter1d(speed, window, mode="nearest"))
     bound = _OF_SIGNED if speed.min() < 0.0 else _OF_UNSIGNED
     zero = np.maximum(bound * np.sqrt(variance), _CRAWL_MPS)
-    # A second of rows tells their noise to a quarter, all rests together tell it well.
+    # A second of rows determines their noise to a quarter, all rests together determine it well.
     at_rest = variance[mean <= zero]
     zero = np.maximum(zero, bound * np.sqrt(at_rest.mean() if at_rest.size else 0.0))
     runs = true_runs(maximum_filter1d(mean <= zero, window))

@@ -1,4 +1,4 @@
-"""A coarse tach tells most where it steps: then a place, or a speed, was passed.
+"""A coarse tach measures best where it steps: then a place, or a speed, was passed.
 
 A wheel with one pulse per revolution, sampled every dt, is known to a quantum q at any time (sigma q / sqrt(12)), but
 at a step of the count to v dt only. Likewise a speed in whole km/h equals the boundary between two values when it steps
@@ -29,7 +29,7 @@ _UNIFORM = float(1.0 / np.sqrt(12.0))
 """The 1-sigma of an error that is uniform over 1."""
 
 _FEWEST_STEPS = 3
-"""Fewer steps tell neither a speed nor an acceleration."""
+"""Fewer steps determine neither a speed nor an acceleration."""
 
 _ROWS_PER_STEP = 2.0
 """Fewer rows from one step to the next, on average, resolve no steps: each row has a rounding of its own."""

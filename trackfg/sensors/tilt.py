@@ -8,7 +8,7 @@ from trackfg.numerics.arrays import Array
 
 
 def force_tilt(force: Array) -> Array:
-    """Return roll and pitch (n, 2), rad, of a body at rest that feels ``force`` (n, 3), m/s^2: f = R' (0, 0, g)."""
+    """Return roll and pitch (n, 2), rad, of a body at rest that measures ``force`` (n, 3), m/s^2: f = R' (0, 0, g)."""
     return np.stack(
         [np.arctan2(force[:, 1], force[:, 2]), np.arctan2(-force[:, 0], np.hypot(force[:, 1], force[:, 2]))], axis=1
     )

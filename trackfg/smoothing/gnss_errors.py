@@ -13,11 +13,12 @@ towards that of the run, and that one towards what is declared. The run's is the
 median that a mean of so many squares of variance 1 has.
 
 Errors that last a minute are large or small for as long, though their level never changes. So there are two
-hypotheses, levels that change and one level with errors that last: in the second, n residuals around a position tell as
-much of its level as n / C independent ones. The first has a parameter more for every span and group of residuals; it
-stands where its likelihood is larger by more than their number (Akaike, IEEE Trans. Automatic Control 19 (1974)).
+hypotheses, levels that change and one level with errors that last: in the second, n residuals around a position
+determine its level as well as n / C independent ones do. The first has a parameter more for every span and group of
+residuals; it stands where its likelihood is larger by more than their number (Akaike, IEEE Trans. Automatic Control 19
+(1974)).
 
-*Correlation.* n positions whose errors have the autocorrelation rho tell as much as n / C independent ones,
+*Correlation.* n positions whose errors have the autocorrelation rho are worth n / C independent ones,
 
     C = 1 + 2 sum_k rho(k),
 
@@ -61,8 +62,8 @@ _AROUND_POSITIONS = 5.0
 """The same in positions, where these are sparse."""
 
 _DECLARED_WEIGHT = 4.0
-"""Residuals that the declared sigmas are worth: n of them tell a sigma to 1 / sqrt(2 n), and a receiver's is known to
-35 %, a factor of 2 being two sigmas."""
+"""Residuals that the declared sigmas are worth: n of them determine a sigma to 1 / sqrt(2 n), and a receiver's is known
+to 35 %, a factor of 2 being two sigmas."""
 _RUN_WEIGHT = 10.0
 """Residuals that the median level of the run is worth against those around a position."""
 
@@ -93,8 +94,8 @@ LONGEST_S = 120.0
 one in motion changes with the place."""
 
 _LAGS_OF_POSITIONS = 4
-"""Autocorrelations are looked at up to a lag of the number of positions over this: of longer ones too few pairs tell
-(Box & Jenkins, "Time series analysis", 1970, ch. 2). Nor is an error taken to last longer."""
+"""Autocorrelations are looked at up to a lag of the number of positions over this: of longer ones there are too few
+pairs (Box & Jenkins, "Time series analysis", 1970, ch. 2). Nor is an error taken to last longer."""
 
 _SIGNIFICANT = 2.0
 """Autocorrelations below so many of their sigmas end the sum."""
@@ -262,7 +263,7 @@ def _around_s(t: Array) -> float:
 
 
 def _errors(t: Array, residual: Array, followed: Array, correlation: float) -> GnssErrors:
-    """Return level and correlation where n residuals around a position tell as much as n / C independent ones."""
+    """Return level and correlation where n residuals around a position are worth n / C independent ones."""
     level, correlations = np.empty_like(residual), np.empty(len(t))
     for columns in _groups(residual):
         level[:, columns] = _levels(t, residual[:, columns], followed[:, columns], correlation)[:, None]
@@ -300,7 +301,7 @@ def _likelihood(t: Array, residual: Array, level: Array) -> float:
 
 
 def _levels(t: Array, residual: Array, followed: Array, correlation: float) -> Array:
-    """Return the level around each position, (m,), of residuals (m, k) of which n tell as much as n / C would alone."""
+    """Return the level around each position, (m,), of residuals (m, k) of which n are worth n / C independent ones."""
     around = _around_s(t)
     first, last = np.searchsorted(t, t - around), np.searchsorted(t, t + around, side="right")
     count = (last - first) * residual.shape[1]

@@ -8,7 +8,7 @@ about the clock as declared, with a sigma as large as the offset (empirical Baye
 :mod:`trackfg.smoothing.wide_priors`); states are the remaining offsets, the residuals of their priors the whole ones.
 
 A receiver on a serial line is late by up to 2 s, which is tens of metres. Its stamps are moved before there is a graph,
-by what the shape of the path tells (:mod:`trackfg.sensors.gnss_clock`); those of a tach that is as late are in
+by the shape of the path (:mod:`trackfg.sensors.gnss_clock`); those of a tach that is as late are in
 :mod:`trackfg.checks.tach_correction`.
 """
 
@@ -123,7 +123,7 @@ def with_gnss_in_time(recording: Recording, tach_clock_sd_s: float) -> Recording
     The receiver's speeds are of the same clock; by what they are later, since it filters them, the graph estimates.
 
     The path has the tach's speed, and a tach that is late makes positions early: what is not known of its clock, which
-    is ``tach_clock_sd_s`` where accelerations do not tell, is not known of the receiver's either.
+    is ``tach_clock_sd_s`` where accelerations do not show it, is not known of the receiver's either.
     """
     if recording.gnss is None:
         return recording
@@ -170,7 +170,7 @@ def _moved(recording: Recording, offsets: Offsets) -> Recording:
 
 
 def _with_tach_set(recording: Recording, offset: ClockOffset | None) -> Recording:
-    """Return the recording with its tach on the IMU's clock, as far as accelerations tell."""
+    """Return the recording with its tach on the IMU's clock, as far as accelerations determine the offset."""
     if recording.tach is None or offset is None or abs(offset.offset_s) < _TACH_SIGMAS * offset.sd_s:
         return recording
     return replace(recording, tach=recording.tach.assign(t_s=recording.tach["t_s"] + offset.offset_s))

@@ -42,7 +42,7 @@ _FEWEST_CELLS = 4
 """Circles of fewer cells are left out: the mean and the slope of three are two thirds of them."""
 
 _ALIKE_CELLS = 3.0
-"""Irregularities of the cross-level are alike over some 30 m, so that so many cells tell as much as one."""
+"""Irregularities of the cross-level are alike over some 30 m, so that so many cells are worth one."""
 
 _LEAST_POWER = 1e-10
 """Sum of squares of x, rad^2, below which rounding is all that changes."""

@@ -195,7 +195,7 @@ def _with_level(
     """Return the problem with some columns of a family's sigmas at the level that its residuals show.
 
     Sigmas that are not a multiple of the declared ones have been changed by others, and only rise. ``other`` is the
-    level of the same sensor's other group, which tells its grade.
+    level of the same sensor's other group, which shows its grade.
     """
     family, first = problem.family(kind), run.declared.family(kind)
     assert family is not None

@@ -1,10 +1,10 @@
 """Straights show whether the sensor is tilted sideways in the vehicle: track has no cant there, on average.
 
-Roll of the mounting leaves the direction of travel as it is, so no motion shows it, and gravity cannot tell it from
+Roll of the mounting leaves the direction of travel as it is, so no motion shows it, and gravity cannot separate it from
 cant. Cant is built in curves only. So the mean roll on straights is that of the mounting, or that of a track which is
 canted all the same (or the crossfall of a road): it is not taken off, but what of it the sigma of roll does not explain
-becomes the sigma of the mounting's roll, a constant in roll and cross-level. Twist and all that is short does not feel
-it.
+becomes the sigma of the mounting's roll, a constant in roll and cross-level. Twist and all that is short does not
+contain it.
 """
 
 from __future__ import annotations

@@ -75,7 +75,7 @@ _SENSORS = {
         "motion along the vehicle's axis",
         ("position", "height", "pitch", "yaw"),
         (FactorType.GNSS_POSITION,),
-        "check imu.axes, the units of the IMU and the sign of the tachometer; trackfg check tells them apart",
+        "check imu.axes, the units of the IMU and the sign of the tachometer; trackfg check distinguishes them",
     ),
 }
 

@@ -2,8 +2,8 @@
 
 The graph takes the scale for a constant but for wear, and a wheel that creeps by 1 % for a minute for one that slips:
 at the price of a slip in every second of it, so that a scale in between and a bent path explain the run as well. With a
-scale that walks, ``S(k+1) - S(k)`` of sigma ``q sqrt(distance)``, the inertial sensor and the positions tell where it
-changes, and the sigma of a distance between two positions is that of a scale that may have changed on the way.
+scale that walks, ``S(k+1) - S(k)`` of sigma ``q sqrt(distance)``, the inertial sensor and the positions determine where
+it changes, and the sigma of a distance between two positions is that of a scale that may have changed on the way.
 
 How fast it walks the data decide, by their likelihood with the states integrated out
 (:mod:`trackfg.solver.scale_evidence`). Noise that is not known yet, and a speed signal that is off by a constant (as
@@ -13,7 +13,7 @@ walk is.
 
 A scale that may walk everywhere makes every distance unsure, though creep begins and ends at a few places. So where it
 still walks then, spans in which a constant scale is clearly likelier are sought by halving, and the scale walks in the
-others alone: also where the data do not tell, so that sigmas allow for either.
+others alone: also where the data are indecisive, so that sigmas allow for either.
 
 In a run with a further tach the scale is constant. The difference between the wheels shows which of them creeps. A
 scale that walks would absorb that difference, and the estimate would follow the wheel that creeps.

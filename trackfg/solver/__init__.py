@@ -1,6 +1,7 @@
 """The solver minimises a graph by Gauss-Newton, and computes covariances and noise levels.
 
-:func:`solve` minimises a problem of :mod:`trackfg.graph`, :func:`posterior_covariance` tells how sure the minimum is.
+:func:`solve` minimises a problem of :mod:`trackfg.graph`, :func:`posterior_covariance` computes the covariance of the
+minimum.
 """
 
 from trackfg.solver.covariance import Covariance, posterior_covariance

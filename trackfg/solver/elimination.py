@@ -71,7 +71,7 @@ def eliminate_with_marginals(
     """Eliminate as :func:`eliminate` does, and return the marginals of the first keyframes as well.
 
     For each count n of ``leading_counts``: what the factors that touch the first n keyframes of a chain, or the shared
-    variables alone, tell about the rest, as rows [A b] of ``A (x_n, s) = b``, shape (SIZE, SIZE + 1).
+    variables alone, say about the rest, as rows [A b] of ``A (x_n, s) = b``, shape (SIZE, SIZE + 1).
 
     Raises ``ValueError`` where keyframes go and factors reach further than to the next one.
     """

@@ -1,8 +1,8 @@
 """Leave-one-out residuals hold each measurement against what all the others predict for it.
 
-A solution follows a measurement the more, the less the others tell, so its residual r understates its error. With the
-posterior covariance ``S = J P J'`` of the predicted measurement and the information ``W`` that the measurement entered
-with (of its sigmas and its robust weight), the others alone would have predicted it with
+A solution follows a measurement the more, the less the others determine it, so its residual r understates its error.
+With the posterior covariance ``S = J P J'`` of the predicted measurement and the information ``W`` that the measurement
+entered with (of its sigmas and its robust weight), the others alone would have predicted it with
 
     e = (I - S W)^-1 r,   C = (I - S W)^-1 S,
 

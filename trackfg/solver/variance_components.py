@@ -1,4 +1,4 @@
-"""Variance components from the residuals of a solution tell whether the assumed noise levels are true.
+"""Variance components from the residuals of a solution show whether the assumed noise levels are true.
 
 For a group of whitened residual rows e with leverages h (the diagonal of ``J P J'``, P the posterior covariance), the
 expected sum of squares is the redundancy ``sum(1 - h)`` if the assumed sigmas are right. The square root of the ratio

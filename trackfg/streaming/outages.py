@@ -22,7 +22,7 @@ LONGEST_S = 100.0
 """The longest outage that is bridged, s. Chosen on the simulator: on the mainline in motion two outages of 90 s were
 bridged well; of two of 120 s one was not, nor was one of 160 s."""
 _BESIDE_S = 1.0
-"""Rows of the tach that are further from an outage than this, s, do not tell the count at its ends."""
+"""Rows of the tach that are further from an outage than this, s, do not determine the count at its ends."""
 _JUST_S = 1e-6
 
 
@@ -74,7 +74,7 @@ def distance_after(outage: Outage, running: RunningWindow) -> KnownDistance:
 def _counted(outage: Outage, running: RunningWindow) -> tuple[float, float] | None:
     """Return what the tach counted over an outage, m, forwards positive, and for how long beside it there is no row, s.
 
-    None where it tells speeds, has no rows just before and after, or began again.
+    None where it measures speeds, has no rows just before and after, or began again.
     """
     tach, rows, breaks = running.tach, running.buffer.tach, running.buffer.uncounted
     after = int(np.searchsorted(rows[:, 0], outage.end_s - _JUST_S))

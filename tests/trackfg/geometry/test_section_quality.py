@@ -35,7 +35,7 @@ def test_it_is_the_band_of_the_profile() -> None:
     both = np.isfinite(expected) & bands["level_d2_mm"].notna().to_numpy()
     assert both.sum() > 8000
     np.testing.assert_allclose(bands["level_d2_mm"][both], expected[both], atol=2e-3 * np.std(expected[both]))
-    with pytest.raises(BadInputError, match="tells waves from 20 m on"):
+    with pytest.raises(BadInputError, match="shows waves from 20 m on"):
         band_of_versine(profile, STEP, 10.0, D1)
 
 

@@ -53,7 +53,7 @@ def test_what_the_two_do_not_tell_is_refused() -> None:
         BadInputError, match="band from 25 to 70 m has no waves of 5 m, which a versine over 10 m lacks"
     ):
         versine_over(nothing, nothing, STEP, D2, (10.0, 20.0))
-    with pytest.raises(BadInputError, match="chord of 50 m: versines over 10 m tell chords to 40 m"):
+    with pytest.raises(BadInputError, match="chord of 50 m: versines over 10 m determine chords to 40 m"):
         versine_over(nothing, nothing, STEP, D1, (10.0, 50.0))
 
 

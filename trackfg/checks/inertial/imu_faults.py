@@ -40,7 +40,7 @@ _BELIEVED_S = 0.5
 _MOST_BLOCKS = 64
 """So many blocks of rows are judged at once, while none holds anything odd: their values stay in the cache."""
 _DIGITS = 11
-"""Digits after the point of values turned back to the sensor's axes: rounding must not tell equal ones apart."""
+"""Digits after the point of values turned back to the sensor's axes: rounding must not make equal ones differ."""
 
 
 class ImuFault(NamedTuple):

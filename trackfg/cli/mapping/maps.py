@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from trackfg.cli.options import Commands, Json, Km, Level, Limits, LineSpeed, TableFile, limit_choice, with_options
-from trackfg.cli.terminal import complain, progress_bar, show_or_tell, tell, working
+from trackfg.cli.terminal import complain, print_unless_quiet, progress_bar, show_unless_written, working
 from trackfg.cli.terminal import show as show_table
 from trackfg.errors import BadInputError, counted, printable
 
@@ -61,7 +61,7 @@ def build(
     curves = built.landmarks["curve_id"].replace("", None).nunique()
     km = 1e-3 * len(built.grid) * built.conventions.step_m
     contents = f"{counted(len(built.runs), 'run')}, {km:.1f} km, {counted(curves, 'curve')}"
-    tell(f"map: {locate(place).shown} version {built.version}: {contents}")
+    print_unless_quiet(f"map: {locate(place).shown} version {built.version}: {contents}")
 
 
 @maps.command(example="trackfg map changes out5 line.gpkg -o changes.csv", loads="trackfg.mapping")
@@ -98,7 +98,7 @@ def changes(
     if json:
         print(map_tables.changes_json(track_changes))
         return
-    show_or_tell(*map_tables.of_changes(track_changes), written=None if out is None else f"changes: {out}")
+    show_unless_written(*map_tables.of_changes(track_changes), written=None if out is None else f"changes: {out}")
 
 
 @dataclass(frozen=True)
@@ -176,7 +176,7 @@ def trends(options: TrendChoices) -> None:
     if options.json:
         print(found.as_json())
         return
-    show_or_tell(*trend_tables.of_trends(found), written="\n".join(written) or None)
+    show_unless_written(*trend_tables.of_trends(found), written="\n".join(written) or None)
 
 
 @maps.command(example="trackfg map show line.gpkg", loads="trackfg.maps")

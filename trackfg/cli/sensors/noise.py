@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from trackfg.cli.options import Json, out_file
-from trackfg.cli.terminal import note, numbers, progress_bar, show_or_tell, titled
+from trackfg.cli.terminal import note, numbers, progress_bar, show_unless_written, titled
 from trackfg.errors import BadInputError
 
 if TYPE_CHECKING:
@@ -62,7 +62,7 @@ def noise(
     if json:
         print(json_text.dumps(found.as_json(), indent=2))
         return
-    show_or_tell(_table(found), found.toml(), written=None if out is None else f"allan: {out}")
+    show_unless_written(_table(found), found.toml(), written=None if out is None else f"allan: {out}")
 
 
 def _assume(question: Question) -> str:

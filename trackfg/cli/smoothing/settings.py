@@ -10,7 +10,7 @@ from typing import Annotated
 import typer
 
 from trackfg.cli.options import Json, out_file
-from trackfg.cli.terminal import tell
+from trackfg.cli.terminal import print_unless_quiet
 from trackfg.errors import BadInputError
 
 
@@ -41,7 +41,7 @@ def config(
     if out.exists():
         raise BadInputError(f"{out}: exists; expected a new file")
     write_whole(out, template.encode("utf-8"))
-    tell(f"{'settings' if limits is None else 'limits'}: {out}")
+    print_unless_quiet(f"{'settings' if limits is None else 'limits'}: {out}")
 
 
 def _as_json(template: str) -> str:

@@ -266,7 +266,7 @@ def _by_quality(
 ) -> dict[str, Array]:
     """Return the columns of positions, with constant sigmas times the dilution of precision and by quality.
 
-    That of a constant height stays: no quality tells how far the vehicle is from it.
+    That of a constant height stays: no quality says how far the vehicle is from it.
     """
     factor = np.ones(len(table.frame))
     if sensor.reading.dop is not None:

@@ -8,8 +8,8 @@ and the residuals the size. The map keeps no sigma of twist: it is taken to go w
 run's does.
 
 **Sigmas as seen.** The robust spread (1.4826 times the median magnitude) of the differences over their stated sigmas,
-for each band of speed, an octave wide, and over the whole run for bands too short to tell. Where it is above 1 the
-sigmas are raised by it; those of cross-level and gradient are what it says. Of these a run too short to tell has the
+for each band of speed, an octave wide, and over the whole run for bands that are too short. Where it is above 1 the
+sigmas are raised by it; those of cross-level and gradient are what it says. Of these a run that is too short has the
 whole sigmas, offset and wander included. The map's gradient is a mean of runs with an offset each, which has a step
 where one of them begins or ends; the variance of such steps is added. (The offsets of cross-level are solved for, and
 make no steps.)

@@ -1,7 +1,8 @@
-"""This module tells whether a run that is recognised on a map is of its track, or of another one with the same curves.
+"""This module finds out whether a run that is recognised on a map is of its track, or of another one with the same
+curves.
 
 Curves are enough to recognise a run by, so that one over track that was tamped is recognised; but the track beside it
-has the same curves. The irregularities tell them apart: of one track a difference of two runs is the noise of both, of
+has the same curves. The irregularities distinguish them: of one track a difference of two runs is the noise of both, of
 two tracks it is larger than the irregularities themselves.
 """
 
@@ -15,7 +16,7 @@ from trackfg.numerics.arrays import Array
 from trackfg.numerics.robust import robust_sd
 
 TELLING = "versine_level_mm"
-"""The column that tells tracks apart: curves and transitions do not show in it."""
+"""The column that distinguishes tracks: curves and transitions do not show in it."""
 _NOISE = 3.0
 """Spread of a difference over its stated sigma from which it is not taken for noise."""
 _SHARE_OF_PROFILE = 0.7
@@ -45,7 +46,7 @@ def is_other_track(chainage: Array, difference: Array, sigma: Array, profile: Ar
 
 
 def other_track_message(run: str, name: str) -> str:
-    """Return what a user is told of such a run on the map ``name``, with a hint."""
+    """Return the message about such a run on the map ``name``, with a hint."""
     what = f"run {run}: its curves are those of the map {name!r}, but its irregularities are not"
     why = "it is of another track, or all of it was worked on"
     return f"{what}: {why}. Hint: keep a map for each track, and begin a new one after such work"

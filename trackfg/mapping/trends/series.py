@@ -42,7 +42,7 @@ class Series(Outlined):
 
     ``chainage_m`` (m,): of cells, or where sections begin. ``t_days`` (n,) from the first date; ``runs`` their names.
     ``sensors``: the one that each ran with, in its mounting. ``doubts``: by name runs that are of another track, as far
-    as their irregularities tell, in a sentence.
+    as their irregularities show, in a sentence.
     """
 
     runs: tuple[str, ...]

@@ -6,7 +6,7 @@ account for more than the model expects (:mod:`trackfg.solver.influence`), its s
     k^2 = 1 + sum over groups of share (ratio - 1)
 
 Levels that are wrong show from keyframe to keyframe, errors that last over longer blocks. Positions that the other
-measurements do not predict within their sigmas (:mod:`trackfg.solver.leave_one_out`) tell of chainage and position
+measurements do not predict within their sigmas (:mod:`trackfg.solver.leave_one_out`) concern chainage and position
 directly.
 """
 
@@ -121,7 +121,7 @@ _PREDICTED: dict[FactorType, tuple[str, tuple[Quantity, ...]]] = {
     FactorType.GNSS_POSITION: ("gnss", ("position", "height", "chainage")),
     FactorType.GNSS_SPEED: ("gnss speed", ("speed", "chainage")),
 }
-"""Positions and speeds that are predicted from all else: their group, and what they tell of."""
+"""Positions and speeds that are predicted from all else: their group, and the quantities that they concern."""
 
 
 @dataclass(frozen=True)

@@ -66,7 +66,7 @@ class Checkpoint:
         names = sorted({*self.settings, *settings} - unknown)
         changed = [name for name in names if self.settings.get(name) != settings.get(name)]
         if "source" in changed and "recording" in changed:
-            changed.remove("recording")  # each kind of source tells its own in another way
+            changed.remove("recording")  # each kind of source describes its own in another way
         if changed:
             raise BadInputError(
                 f"the checkpoint was made with another {', '.join(changed)}; "

@@ -1,7 +1,7 @@
 """Clock jumps are taken out of the stream's times: clocks that were set while the vehicle went on.
 
 Where the stamps of all tables jump ahead together, either nothing was recorded for a time, or the clocks were set. The
-tach's count c tells. With the speeds v before and after, in m of the count a second, and Dt between the readings on
+tach's count c shows. With the speeds v before and after, in m of the count a second, and Dt between the readings on
 either side of a jump by L, it has grown by
 
     dc = v Dt          rows are missing: the vehicle went on for as long as the stamps say (a gap)
@@ -9,7 +9,7 @@ either side of a jump by L, it has grown by
 
 With the mean of both speeds the second holds to ``FREE_S`` of rolling and the scatter of the count, whatever the
 wheel's scale. A count between both is a gap: the vehicle may have braked. At rest, or without a count, the two cannot
-be told apart, and at rest it hardly matters.
+be distinguished, and at rest it hardly matters.
 
 A clock that went back, or too far ahead for a gap, was set, or a device was off for an unknown time
 (:mod:`trackfg.streaming.intake.imu_clock`): its ``clock-restart`` is a break in the motion. There the same is tested

@@ -18,7 +18,7 @@ doubt as well, and the doubt is settled if the next rows go on so, up to the new
 A clock that went forward left a ``gap``, up to ``longest_gap_s``. One that went further, or back, was set
 (``clock-restart``). Times on the stream must grow, so from there on they are the sensor's times plus a shift that puts
 the first row after it one sampling interval behind the last row before. That is right where the clock of a running
-logger was corrected; for how long a device was off, its clock does not tell. Where rows are known to be missing
+logger was corrected; for how long a device was off, its clock does not show. Where rows are known to be missing
 (``missed_s``), a clock that is ahead by no more than ``longest_missed_s`` left a gap.
 
 A wrong stamp therefore costs itself and nothing else, whatever its value, and the first row of all is no exception.

@@ -6,7 +6,7 @@ step: what was rolled during the step is not counted, and the event ``tach-reset
 
 A counter of 16, 24 or 32 bits begins again at the end of its range, and the import continues the count there. Here the
 count is continued where the step, with the range added, is one that a wheel can make and a small part of the range.
-After an outage the two causes cannot be told apart, and the count is not continued.
+After an outage the two causes cannot be distinguished, and the count is not continued.
 """
 
 from __future__ import annotations

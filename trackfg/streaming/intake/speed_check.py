@@ -25,9 +25,9 @@ from trackfg.streaming.events import LossReport
 EVERY_S = 60.0
 """Time between comparisons, s: they cost some milliseconds."""
 LONGEST_S = 600.0
-"""Rows of so long are compared, s. A vehicle that stands tells nothing, however long."""
+"""Rows of so long are compared, s. A vehicle at rest shows nothing, however long."""
 LEAST_ROLLED_M = 1000.0
-"""Way by the tach from which on it tells a scale: a slip of one departure is no more than a tenth of it."""
+"""Way by the tach from which on it determines a scale: a slip of one departure is no more than a tenth of it."""
 _SIGMAS = 3.0
 """A scale is another one from so many of its sigmas beyond the limit on."""
 

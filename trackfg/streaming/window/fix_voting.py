@@ -135,8 +135,8 @@ class FixVotes:
         """Count the fixes of the interval after the ``newest`` keyframe; return it with contradicting fixes withheld.
 
         The second value is by how much the accepted position shifts, m; the interval is not shifted by it, nor by the
-        ``creep`` that a fix may show. ``others_sd_m``: the sigma with which others than wheels tell where the vehicle
-        is, infinite where there are none; creep beyond it would not go unnoticed.
+        ``creep`` that a fix may show. ``others_sd_m``: the sigma with which others than wheels locate the vehicle,
+        infinite where there are none; creep beyond it would not go unnoticed.
         """
         fixes = family_of(interval.families, FactorType.ABSOLUTE_FIX)
         if fixes is None or fixes.loss is None:

@@ -135,7 +135,7 @@ class GnssRecord:
     def judge(self, *, heading_known: bool) -> bool:
         """Compute the factors anew, and return whether they have changed.
 
-        Only a vehicle that has shown its heading, in motion, tells of itself as well.
+        Only a vehicle that has shown its heading, in motion, also determines its own position.
         """
         before = self.factor.copy()
         if heading_known and self._err_less_than_the_rest():

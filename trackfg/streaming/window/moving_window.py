@@ -35,7 +35,7 @@ class LostWindow(NamedTuple):
 class MovingWindow:
     """The window of a stream with the keyframes of the last ``lag_s`` seconds, and up to ten more.
 
-    ``running`` is None before the window has begun, which ``starting`` waits for. ``on_map``: a map tells the distance.
+    ``running`` is None before the window has begun, which ``starting`` waits for. ``on_map``: a map gives the distance.
     ``keyframe_spacing``: how many times further apart keyframes are than the settings say. ``damped_work``: the
     batch solver's steps times keyframes on lost windows, as far as they count towards the bound of the next one.
     """

@@ -33,7 +33,7 @@ from trackfg.streaming.window.wheel_creep import with_walking_scale
 from trackfg.streaming.window.window import Interval, Window
 
 OFF_S = 60.0
-"""How long a device that restarted is taken to have been off, s: the order of a reboot. Its clock does not tell."""
+"""How long a device that restarted is taken to have been off, s: the order of a reboot. Its clock does not show it."""
 _ROLLING_SIGMAS = 4.0
 """Maximum deviation from the predicted distance, in sigmas, of a wheel that rolls without slip."""
 _WITHIN_INTERVAL = (FactorType.ABSOLUTE_FIX, FactorType.GNSS_POSITION, FactorType.GNSS_SPEED)

@@ -73,7 +73,7 @@ _MOST_DAMPED = 50_000
 takes some 0.13 ms, so these take 7 s. The simulated lines that need any need 400 to 19,500.
 """
 _MOVED_M = 5.0
-"""Way from the first keyframe of a window, m, from which on others tell the heading: those at rest there cannot."""
+"""Way from the first keyframe of a window, m, from which on others determine the heading: those at rest cannot."""
 _DAMPED_BEFORE = 0.5
 """Share of such work that counts in the next window, where the heading stayed unknown. The 25,000 that are left for
 that one are still enough for the simulated lines.
@@ -118,7 +118,7 @@ class Relinearisation(NamedTuple):
 
 @dataclass
 class RunningWindow:
-    """A window that has begun; ``lag_s`` is its length. ``on_map``: a map tells the distance, and fixes do not vote.
+    """A window that has begun; ``lag_s`` is its length. ``on_map``: a map gives the distance, and fixes do not vote.
 
     ``window``, the ``root`` of its information and its ``linearisation_point`` are those of the last pass; ``recent``
     are its newest keyframes behind their marginal prior. ``added`` are the intervals since, ``conditionals`` what their

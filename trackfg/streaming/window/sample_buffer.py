@@ -199,12 +199,12 @@ class SampleBuffer:
         return replace(self.other_rows_between(begin - 2.0 * _SAME_S, end), imu=imu, tach=tach)
 
     def first_speed(self, since: float) -> float | None:
-        """Return when the first row from ``since`` (s) on was measured that tells of the speed."""
+        """Return when the first row from ``since`` (s) on was measured that determines the speed."""
         tables = (self.tach, self.positions["gnss"], *self.others.values())
         return min((float(table[i, 0]) for table in tables if (i := _first(table, since)) < len(table)), default=None)
 
     def measures_speed(self, begin: float, end: float) -> bool:
-        """Return whether a table that tells of the speed has two rows between two times, s."""
+        """Return whether a table that determines the speed has two rows between two times, s."""
         return any(
             len(_between(table, begin, end)) > 1 for table in (self.tach, self.positions["gnss"], *self.others.values())
         )

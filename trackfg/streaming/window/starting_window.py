@@ -1,7 +1,7 @@
 """The first window of a stream: ten seconds that are solved as a batch.
 
 It begins where something measures the speed: with the first rows of the tach or of GNSS. A tach that begins within a
-window cannot be told from one that stood before, so stretches without its rows are passed over, and reported.
+window cannot be distinguished from one that stood before, so stretches without its rows are passed over, and reported.
 """
 
 from __future__ import annotations
@@ -81,7 +81,7 @@ class StartingWindow:
     def problem(self, buffer: SampleBuffer, config: SmoothConfig, end: float, *, on_map: bool) -> FirstProblem:
         """Return the batch problem of the window that ends at ``end``, s.
 
-        ``on_map``: a map will tell the distance, which is unknown until then. Raises as
+        ``on_map``: a map will give the distance, which is unknown until then. Raises as
         :func:`~trackfg.graph.build.build_problem` does.
         """
         begin, description = end - START_S, buffer.description

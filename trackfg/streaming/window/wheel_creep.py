@@ -78,7 +78,8 @@ class Creep:
     def is_likely(self, variance: float, others_sd_m: float = np.inf) -> bool:
         """Return whether it is likelier than a wrong fix; ``variance`` (m^2) is that of the difference without it.
 
-        ``others_sd_m``: the sigma with which others than wheels tell where the vehicle is; more would not go unnoticed.
+        ``others_sd_m``: the sigma with which others than wheels determine where the vehicle is; more would not go
+        unnoticed.
         """
         line_m = max(SHORTEST_LINE_M, abs(self.way_m))
         unnoticed = 1.0 / (1.0 / self.variance + 1.0 / others_sd_m**2)

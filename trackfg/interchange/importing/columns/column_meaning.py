@@ -36,7 +36,7 @@ _GRAVITY_BAND = (0.8, 1.2)
 _FASTEST_TURN_DEG = 0.5
 """A rail vehicle turns by at most some 10 deg/s: rates above so much are no rad/s."""
 _SAMPLE = 10_000
-"""Cells of a column that tell whether it holds whole numbers."""
+"""Cells of a column that decide whether it holds whole numbers."""
 
 
 @dataclass(frozen=True)

@@ -54,7 +54,7 @@ def dilution_column(table: SourceTable) -> str | None:
 
 
 def quality_column(table: SourceTable) -> str | None:
-    """Return the column whose qualities tell of positions that are better than usual; None where the table has none."""
+    """Return the column whose qualities mark positions that are better than usual; None where the table has none."""
     names = [name for name in table.columns if _STATE.search(name.strip())]
     return next((name for name in names if (range_sd_m(table.column(name)) != RANGE_SD_M).any()), None)
 
@@ -62,7 +62,7 @@ def quality_column(table: SourceTable) -> str | None:
 def range_sd_m(state: pd.Series) -> np.ndarray:
     """Return the error of one range (n,), m, by a receiver's column of qualities: NMEA's numbers, or words.
 
-    Numbers in a column of another name than a quality's, and those of a percentage, tell nothing.
+    Numbers in a column of another name than a quality's, and those of a percentage, mean nothing.
     """
     number = pd.to_numeric(state, errors="coerce").to_numpy(np.float64, na_value=np.nan)
     sd = np.full(len(state), RANGE_SD_M)

@@ -30,9 +30,9 @@ _CANDIDATES: dict[str, tuple[Quantity, tuple[str, ...]]] = {
     "gnss_speed.unit": ("speed", ("m/s", "km/h", "kn", "mph", "mm/s", "cm/s")),
     "imu.gyro_unit": ("angular rate", ("rad/s", "deg/s", "mrad/s", "mdeg/s")),
 }
-"""Units among which the force decides, where the source states none. It tells no knot from a mile per hour, since
-gradients and a sensor's tilt falsify it by some percent: a wheel's speed is in neither knots nor feet per second. For a
-receiver's speed its positions decide."""
+"""Units among which the force decides, where the source states none. It cannot distinguish a knot from a mile per hour,
+since gradients and a sensor's tilt falsify it by some percent: a wheel's speed is in neither knots nor feet per second.
+For a receiver's speed its positions decide."""
 _LENGTHS = ("m", "km", "ft", "mm", "cm", "mi")
 _MOST_EMPTY = 10
 """Times the samples at their usual interval: a longer span is nearly all a gap, where a clock has jumped. Then only

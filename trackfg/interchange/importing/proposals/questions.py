@@ -22,7 +22,7 @@ from trackfg.interchange.importing.source_table import SourceTable
 class Question:
     """A question has a ``key``, a ``text``, and a ``default`` that is taken without an answer; empty: there is none.
 
-    ``choices``: the answers that are possible, if they can be listed; ``accepts`` tells whether one is, ``expected``
+    ``choices``: the answers that are possible, if they can be listed; ``accepts`` decides whether one is, ``expected``
     says what it looks like. One that is ``optional`` may be left without an answer.
     """
 
