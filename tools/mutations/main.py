@@ -64,7 +64,7 @@ def faults(root: Path, parts: Iterable[Part]) -> Iterator[str]:
     for part in dict.fromkeys(parts):
         missing = [name for name in (part.file, *part.tests) if not (root / name).exists()]
         if missing:
-            yield f"{', '.join(missing)}: there is no such file. Hint: mend tools/mutations/catalogue.py"
+            yield f"{', '.join(missing)}: there is no such file. Hint: correct tools/mutations/catalogue.py"
             continue
         text = (root / part.file).read_text()
         for one in part.mutations:
@@ -72,7 +72,7 @@ def faults(root: Path, parts: Iterable[Part]) -> Iterator[str]:
                 if (count := text.count(fragment)) != 1:
                     yield (
                         f"{part.file}: {fragment!r} is there {count} times, expected once ({one.sentence}). "
-                        "Hint: mend tools/mutations/catalogue.py"
+                        "Hint: correct tools/mutations/catalogue.py"
                     )
 
 

@@ -173,7 +173,7 @@ class _Slip:
         )
 
     def followed_by(self, other: _Slip) -> _Slip:
-        """Return both as one, ``other`` having gone on with this one's final state."""
+        """Return both as one, ``other`` having continued from this one's final state."""
         return replace(
             self,
             readhered=other.readhered,

@@ -76,7 +76,7 @@ def read_cycles(recording: Recording, *, cycle_s: float, average_s: float) -> Cy
     middle = 0.5 * (data.edges[1:] + data.edges[:-1])
     gyro = data.gyro - held_since_rest(middle, find_standstills(recording), data.gyro)
     distance = wheel.at(t)
-    # Before the record the vehicle is taken to have gone on as it was in the first cycle.
+    # Before the record the vehicle is taken to have moved as it did in the first cycle.
     first = distance[0] - wheel.at(t[:1] - cycle_s)[0]
     earlier = distance[0] - first * np.arange(window + 1, 0, -1)
     long = np.concatenate([earlier, distance])

@@ -43,7 +43,7 @@ _MEMORIES = 3.5
 
 _SURE_SIGMAS, _SURE_SPREADS = 4.0, 3.0
 _FEWEST_BLOCKS = 3
-"""With fewer blocks of a signal nothing is said about the scatter of its lag."""
+"""With fewer blocks of a signal the scatter of its lag is not estimated."""
 _LEAST_OFFSET_S = 0.02
 """Offsets below do not matter, s: the smoother estimates them."""
 _MADE_BY = 2.0

@@ -43,7 +43,7 @@ of integrated rates; curves, transitions, stops and starts of rail and road vehi
 _BLOCK_S = 10.0
 """Length of a block, s: longer than the band's memory, so that blocks are evidence nearly independent of each other."""
 FEWEST_BLOCKS = 5
-"""With fewer blocks nothing is said about their scatter."""
+"""With fewer blocks their scatter is not estimated."""
 
 
 @dataclass(frozen=True)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -146,7 +147,7 @@ def _scale(scale: Mapping[str, Any] | None) -> str:
 
 def check_json(report: CheckReport) -> str:
     """Return findings and estimates as JSON."""
-    content = {"findings": [finding.as_json() for finding in report.findings], "estimates": report.estimates}
+    content = {"findings": [asdict(finding) for finding in report.findings], "estimates": report.estimates}
     return json.dumps(content, indent=2)
 
 
@@ -197,7 +198,7 @@ def _converged(solver: Solver) -> str:
 
 
 def verdicts(result: Result) -> tuple[Table, Table]:
-    """Return what can be believed, the worst first, and why, and what to do."""
+    """Return what can be trusted, the worst first, and why, and what to do."""
     found = result.summary.verdicts
     verdict = titled("Verdict", *columns("", no_wrap=True), "", show_header=False)
     for opinion in opinions(found):

@@ -6,8 +6,8 @@ measured it adds a slow walk. The increments are thus
 
     d_k = w_k + v_k+1 - v_k + s_k+1 - s_k,
 
-``w`` the walk's independent steps, of variance ``known + walk``; ``s`` whatever else is said to disturb a cell's own
-mean (a defect, a hole); and ``v`` the irregularities, with the spectrum, ``u`` in rad per cell,
+``w`` the walk's independent steps, of variance ``known + walk``; ``s`` whatever else is declared to disturb a cell's
+own mean (a defect, a hole); and ``v`` the irregularities, with the spectrum, ``u`` in rad per cell,
 
     S(u) = level |1 + theta exp(-i u)|^2 / (1 + (tan(cutoff / 2) / tan(u / 2))^8),
 

@@ -1,7 +1,7 @@
 """Score a trajectory against the true one: attitude, speed, place along the track, distance, horizontal position.
 
 A chainage that starts anywhere (an odometer knows no kilometre posts) can still measure distances, so that two things
-are scored: where the vehicle was said to be, and how long each kilometre was said to be.
+are scored: where the vehicle was estimated to be, and how long each kilometre.
 """
 
 from __future__ import annotations
@@ -30,8 +30,8 @@ def trajectory_errors(trajectory: pd.DataFrame, truth: pd.DataFrame) -> pd.DataF
     """Return the error of every quantity at each instant that the truth holds, and its sigma ``_sd``: ``t_s``,
     ``speed_mps``, ``along_track_m``, ``roll_mrad, pitch_mrad, speed_kmh, east_m, north_m``.
 
-    ``trajectory`` has :data:`trackfg.results.columns.TRAJECTORY_COLUMNS`, NaN where nothing is said; ``truth`` any of
-    them, interpolated linearly.
+    ``trajectory`` has :data:`trackfg.results.columns.TRAJECTORY_COLUMNS`, NaN where nothing is estimated; ``truth`` any
+    of them, interpolated linearly.
     """
     clock = truth["t_s"].to_numpy()
     trajectory = trajectory[trajectory["t_s"].between(clock[0], clock[-1])]
@@ -68,10 +68,10 @@ def distance_errors(trajectory: pd.DataFrame, truth: pd.DataFrame) -> pd.DataFra
     way = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(chainage)))])
     posts = np.arange(0.0, way[-1], DISTANCE_M)
     t = np.interp(posts, way, clock)  # at a rest any of its instants: the chainage is the same
-    said = np.interp(t, trajectory["t_s"].to_numpy(), trajectory["chainage_m"].to_numpy(), left=np.nan, right=np.nan)
+    places = np.interp(t, trajectory["t_s"].to_numpy(), trajectory["chainage_m"].to_numpy(), left=np.nan, right=np.nan)
     true = np.diff(np.interp(t, clock, chainage))
     straight = np.abs(np.abs(true) - DISTANCE_M) < 1.0  # not where the vehicle turned back on the way
-    percent = 100.0 * (np.diff(said) - true) / true
+    percent = 100.0 * (np.diff(places) - true) / true
     speed = DISTANCE_M / np.diff(t)
     return pd.DataFrame(
         {"speed_mps": speed[straight], "distance_percent": percent[straight], "distance_percent_sd": np.nan}

@@ -34,9 +34,9 @@ count as sideways velocity.
 """
 
 _NO_RATE = 1e-7
-"""1-sigma of a rate of the Earth that is known, or of which nothing is said, rad/s: at the equator a heading that is
-wrong by 0.1 deg makes as much. A recording without a latitude may be of a world that does not turn, as simulated ones
-are: the data contradict it where it does (:mod:`trackfg.smoothing.wide_priors`)."""
+"""1-sigma of a rate of the Earth that is known, or of which nothing is declared, rad/s: at the equator a heading that
+is wrong by 0.1 deg makes as much. A recording without a latitude may be of a world that does not turn, as simulated
+ones are: the data contradict it where it does (:mod:`trackfg.smoothing.wide_priors`)."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -100,7 +100,7 @@ class GraphInputs(Outlined):
     edges: np.ndarray
     t: Array
     clock_origin: float
-    """When the offset of other clocks is what it is said to be, before it drifts: the middle of a run."""
+    """When the offset of other clocks is what it is declared to be, before it drifts: the middle of a run."""
 
     @property
     def lever_arm(self) -> Array:

@@ -90,7 +90,7 @@ def load(path: Path | str, limits: CheckLimits | None = None) -> LoadedRecording
     """Read and check as far as possible. Never raises for bad input."""
     limits = limits or CheckLimits()
     folder, toml = locate(path)
-    with contextlib.suppress(OSError, ValueError):  # what is wrong with the path is said below
+    with contextlib.suppress(OSError, ValueError):  # what is wrong with the path is reported below
         atomic_folder.recover(folder)
     read = read_description(path)
     findings = list(read.findings)

@@ -2,8 +2,8 @@
 
 A version is never changed: each write adds rows. The tables of a version's rows (``map_landmarks``, ``map_line``,
 ``map_grid``, ``map_runs``) number them ``fid = version * 2^32 + row``, so that the primary key alone finds a version,
-in its order, without an index beside. ``map_matrices`` is addressed by content: what a run said is stored once, however
-many versions hold it.
+in its order, without an index beside. ``map_matrices`` is addressed by content: what a run contributed is stored once,
+however many versions hold it.
 
 Column types are those that GeoPackage allows and PostgreSQL has too; JSON and times are text.
 """

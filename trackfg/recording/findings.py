@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import KW_ONLY, asdict, dataclass
-from typing import Annotated, Any, Literal, NamedTuple
+from dataclasses import KW_ONLY, dataclass
+from typing import Annotated, Literal, NamedTuple
 
 from pydantic import AliasChoices, Field
 
@@ -25,8 +25,8 @@ class Finding:
     """One fact about the input. ``code`` is stable and kebab-case; ``str()`` gives the one-line message.
 
     ``column`` is a table's column, or a key of ``recording.toml`` (``"imu.gyro_unit"``). ``row`` counts data rows from
-    1 (the header of a CSV file is not one); ``time_s`` is the time in that row. ``hint`` is what to do; files and JSON
-    have it under the key ``mend``.
+    1 (the header of a CSV file is not one); ``time_s`` is the time in that row. ``hint`` is what to do; results of
+    trackfg 0.1 have it under the key ``mend``, which is still read.
     """
 
     level: Level
@@ -38,7 +38,7 @@ class Finding:
     row: int | None = None
     time_s: float | None = None
     expected: str | None = None
-    hint: Annotated[str | None, Field(validation_alias=AliasChoices("mend", "hint"))] = None
+    hint: Annotated[str | None, Field(validation_alias=AliasChoices("hint", "mend"))] = None
 
     def __post_init__(self) -> None:
         """Names and cells come from the input: control characters in them must not reach a terminal."""
@@ -46,12 +46,6 @@ class Finding:
             text = getattr(self, name)
             if text is not None and not text.isprintable():
                 object.__setattr__(self, name, printable(text))
-
-    def as_json(self) -> dict[str, Any]:
-        """Return the fields as files and JSON have them."""
-        fields = asdict(self)
-        fields["mend"] = fields.pop("hint")
-        return fields
 
     @property
     def place(self) -> str:

@@ -99,7 +99,7 @@ def _beaten(comparison: Comparison) -> PageSection:
 
 
 def _how_sure(sure: int, held: Sequence[Row]) -> str:
-    """Return how many of the scores are more than chance; of one run nothing can be said."""
+    """Return how many of the scores are more than chance; one run decides nothing."""
     if all(row.to_smoother_interval is None for row in held):
         return "one run does not say which of them are chance"
     return f"in {sure} of these the whole 95 % interval is below 1"

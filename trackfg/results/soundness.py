@@ -1,4 +1,4 @@
-"""Tables of a result hold numbers that can be gone on with; anything else is refused on reading and on writing."""
+"""Tables of a result hold numbers that can be computed with; anything else is refused on reading and on writing."""
 
 from __future__ import annotations
 

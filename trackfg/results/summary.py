@@ -6,9 +6,9 @@ import math
 import platform
 from datetime import UTC, datetime
 from importlib.metadata import version
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
-from pydantic import AfterValidator, Field, JsonValue, field_serializer
+from pydantic import AfterValidator, Field, JsonValue
 
 from trackfg.numerics.kernels import kernels_in_use
 from trackfg.numerics.key_figures import outline
@@ -194,7 +194,7 @@ class Summary(Model):
     its table, such as ``tach/2``. ``gnss_speed_offset_mps`` is by what a receiver's own speeds are too high,
     ``gnss_speed_clock_offset_s`` what is added to their stamps. ``noise_ratios`` says, per group of factors, how large
     the residuals are against what its sigmas lead to expect (1 is right; see
-    :mod:`trackfg.solver.variance_components`). ``verdicts`` says whether the sigmas of each quantity can be believed;
+    :mod:`trackfg.solver.variance_components`). ``verdicts`` says whether the sigmas of each quantity can be trusted;
     results of versions before it have none. ``solver`` and the biases are null where another system measured the
     geometry: nothing was smoothed.
     """
@@ -239,10 +239,6 @@ class Summary(Model):
     def reason(self) -> str:
         """Return why the solver stopped, or that there was none."""
         return "measured by another system" if self.solver is None else self.solver.reason
-
-    @field_serializer("findings")
-    def _as_json(self, findings: tuple[Finding, ...]) -> list[dict[str, Any]]:
-        return [finding.as_json() for finding in findings]
 
 
 def versions() -> dict[str, str]:

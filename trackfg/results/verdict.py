@@ -1,4 +1,4 @@
-"""A verdict says, per quantity of a result, whether its sigmas can be believed.
+"""A verdict says, per quantity of a result, whether its sigmas can be trusted.
 
 Whatever finds that the model's sigmas of some quantities are too small states a :class:`Doubt`. Doubts of one quantity
 are combined to a :class:`Verdict`: *trusted*, *widened* by a factor, or *not_trusted*.
@@ -63,7 +63,7 @@ class Doubt:
 
 
 class Verdict(Model):
-    """What can be believed of one quantity.
+    """What can be trusted of one quantity.
 
     ``factor`` is what the model's sigmas were multiplied by in the tables: 1 where trusted, null where not to be
     trusted (sigmas there are those of :data:`trackfg.results.widening.UNKNOWN_SD`). ``reasons`` and ``hints`` say why

@@ -233,7 +233,7 @@ def _by_doubling(first: np.ndarray, counts: np.ndarray, steps: _Pair) -> tuple[_
 @dataclass(frozen=True)
 class Turning:
     """How the body turns between keyframes k and k + 1, relative to k: ``turn`` (m, 3, 3) over the whole interval, and
-    its ``mean`` and ``mean_by_time`` (weighted by the part of the interval's time gone by) over the length of the path.
+    its ``mean`` and ``mean_by_time`` (weighted by the elapsed part of the interval's time) over the length of the path.
     """
 
     turn: Array

@@ -50,7 +50,7 @@ _BLOCK_S = 1.28
 highest. Speed, and vibration with it, changes little meanwhile."""
 
 _SHORTEST_BLOCK = 32
-"""Samples: of a shorter record nothing is said."""
+"""Samples: a shorter record is not judged."""
 
 _BANDS = 3
 """Octaves below the Nyquist frequency: a sensor's filter is in the first, motion rarely in all."""
@@ -171,7 +171,7 @@ class NoiseFloor:
 
     @classmethod
     def of(cls, data: Intervals) -> NoiseFloor:
-        """Look at all samples of a record; of one shorter than a block nothing is said."""
+        """Look at all samples of a record; one shorter than a block is not judged."""
         length = block_length(data)
         if not length:
             return cls.unknown(data)
@@ -182,7 +182,7 @@ class NoiseFloor:
 
     @classmethod
     def unknown(cls, data: Intervals) -> NoiseFloor:
-        """Return a floor of a record of which nothing is said."""
+        """Return a floor of a record that is not judged."""
         nowhere = np.zeros(0), np.zeros((0, 6))
         return cls(data.edges[[0, -1]], np.zeros((1, 6)), *nowhere, *nowhere)
 

@@ -7,7 +7,7 @@ from one to the next it walks. So the means of rests are smoothed by
 
 The accelerometer's bias across tilts the vertical, and a turn of the vehicle by psi about a vertical that is off by e
 looks to the gyro like a tilt by psi e across e: by that error the integrated rates of roll and pitch, less the tilt of
-the specific force, change with the heading. It is believed as far as the declared sigma allows; beyond three sigmas,
+the specific force, change with the heading. It is accepted as far as the declared sigma allows; beyond three sigmas,
 its own size is its sigma. So do the gyro's own errors where a slow vehicle turns once in a long time: with ``J_i`` the
 derivative of the fitted e by the rate at time i, white noise n, a bias that walks by q, a response g to forces f and
 the Earth's rate W, whose direction is not known yet, make of e the sigma
@@ -61,7 +61,7 @@ _CURVE_LASTS_S = 10.0
 """A curve or a straight lasts so long, s: yaw rates are as many independent ones as there are such times in a run."""
 
 _MEAN_S = 1.0
-"""Yaw rates and tilts are means over this, s: vibration, and the yaw of a body on its springs, are gone."""
+"""Yaw rates and tilts are means over this, s: vibration, and the yaw of a body on its springs, vanish in them."""
 
 _FEWEST_MEANS = 100
 """Of tilts there are so many at least, over less time where the run is short."""

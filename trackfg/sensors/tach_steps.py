@@ -99,7 +99,7 @@ def _speed_at_steps(wheel: Wheel) -> Wheel:
     at, boundary = 0.5 * (t[step] + t[step + 1]), 0.5 * (speed[step] + speed[step + 1])
     value = np.append(speed[step], speed[-1])
     lasted = np.diff(np.concatenate([t[:1], at, t[-1:]]))
-    # A value is reached, and left, as fast as the one beside it is gone through.
+    # A value is reached, and left, as fast as the one beside it is passed.
     reach = 0.5 * np.minimum(lasted[1:], lasted[:-1])
     knots = np.concatenate([t[:1], at, at - reach, at + reach, t[-1:]])
     values = np.concatenate([value[:1], boundary, value[:-1], value[1:], value[-1:]])

@@ -6,7 +6,7 @@ UIC 505-5: 0.2-0.4 for coaches. With the curvature k at the speed v,
     roll = -cant + s (x - cant),   x = v^2 k / g,
 
 in a curve to the left, left side up. In a circle the cant stays, so that roll against x has the slope s there, and 0
-for a sensor on a wheelset. Where the speed does not change in curves lean and cant are one, and nothing is said.
+for a sensor on a wheelset. Where the speed does not change in curves lean and cant are one, and nothing is reported.
 """
 
 from __future__ import annotations

@@ -43,7 +43,7 @@ if TYPE_CHECKING:
 _LEAST_SD_M = 0.01
 """Least sigma of a match, m: a creep of 1 mm per root of a metre over a section of 100 m."""
 SURE = 0.99
-"""Probability from which a place found without any fix is believed."""
+"""Probability from which a place found without any fix is accepted."""
 _ON_SPRINGS_SD_M = 0.8
 """Sigma of a place, m, by a body's lag behind the track's curves. Chosen on simulated car bodies at 50-100 km/h; see
 Assumptions in docs/engine.md."""

@@ -1,7 +1,7 @@
-"""A prior that the data contradict is widened, so that the data decide, and said to the user in the words of the field.
+"""A prior that the data contradict is widened, so that the data decide, and reported in the words of the field.
 
 For each scalar that is known beforehand to a sigma s0, and estimated as r off its prior with the posterior sigma s, the
-data alone, without this prior of sigma s1, would have said
+data alone, without this prior of sigma s1, would have given
 
     e = r / (1 - h),   c^2 = s^2 / (1 - h),   h = (s / s1)^2
 
@@ -307,7 +307,7 @@ def _contradictions(kind: Kind, judged: _Judged, far: list[_Scalar], sigma: Arra
 
 
 def _mounting_notes(run: SolvedRun, far: list[int]) -> Iterator[Finding]:
-    """Yield how the sensor is mounted, where that is well determined, worth a line and not ``far``, which is said."""
+    """Yield how the sensor is mounted, where that is well determined, worth a line and not ``far``."""
     mount, sd = run.solution.states.mount[0], np.sqrt(np.diagonal(run.covariance.of(Kind.MOUNT)[0]))
     notable = (np.abs(mount) > _FAR_SIGMAS * sd) & (np.abs(mount) > _WORTH_A_LINE)
     notable[far] = False

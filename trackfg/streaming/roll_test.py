@@ -34,9 +34,9 @@ _COLUMNS = ["t_s", "speed_mps", "yaw_rad", "roll_rad", "roll_rad_sd"]
 class RollTest:
     """Sums over the cells on straights.
 
-    ``way_m``: how far the vehicle has gone, ``newest`` (0 or 1, 5) the row there, ``fastest_mps`` its highest speed;
-    ``cells`` (c, 4): heading, roll, rad, the variance of roll, and the highest speed so far; ``sums`` (3,): the number
-    of cells on straights, and the sums of roll and variance.
+    ``way_m``: how far the vehicle has travelled, ``newest`` (0 or 1, 5) the row there, ``fastest_mps`` its highest
+    speed; ``cells`` (c, 4): heading, roll, rad, the variance of roll, and the highest speed so far; ``sums`` (3,): the
+    number of cells on straights, and the sums of roll and variance.
     """
 
     way_m: float = 0.0

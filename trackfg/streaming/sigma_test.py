@@ -61,7 +61,7 @@ class SigmaTest:
     before: Array = field(default_factory=lambda: np.full(len(QUANTITIES), np.nan))
     lost: Span = (np.inf, np.inf)
     _doubted: dict[str, bool] = field(default_factory=dict, metadata=DERIVED)
-    """What :meth:`doubts` has said of these sums, by column: it is asked with every batch of rows."""
+    """What :meth:`doubts` has reported of these sums, by column: it is asked with every batch of rows."""
 
     def put(self, filtered: pd.DataFrame, smoothed: pd.DataFrame) -> None:
         """Take the next rows of both tables, whose columns are those of a trajectory."""

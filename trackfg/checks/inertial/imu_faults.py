@@ -36,7 +36,7 @@ _PATIENCE_S = 0.2
 _FAR = 10.0
 """A value so many times further from its centre than any before is far beyond."""
 _BELIEVED_S = 0.5
-"""Values that are far beyond for longer are believed, s: something has changed."""
+"""Values that are far beyond for longer are accepted, s: something has changed."""
 _MOST_BLOCKS = 64
 """So many blocks of rows are judged at once, while none holds anything odd: their values stay in the cache."""
 _DIGITS = 11

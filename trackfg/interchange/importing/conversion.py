@@ -131,7 +131,7 @@ class Conversion:
     def _refusal(self, loaded: LoadedRecording) -> str:
         """Return the errors, in the names of the user's own files and columns: the recording is not there yet.
 
-        What is wrong in a table of several sensors is said once.
+        What is wrong in a table of several sensors is reported once.
         """
         found = list({one.sentence: one for one in map(self._of_the_source, errors(loaded.findings))}.values())
         also = "; ".join(one.sentence for one in found[1:_MOST_NAMED])

@@ -124,5 +124,5 @@ class SensorFormat(ABC, Generic[Part]):
         return []
 
     def impossible(self, part: Part, columns: Sequence[Array]) -> Impossible | None:
-        """Rows of a stream to be left out before the conversion, or None where nothing can be said."""
+        """Rows of a stream to be left out before the conversion, or None where nothing can be decided."""
         return None

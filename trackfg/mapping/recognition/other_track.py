@@ -23,7 +23,7 @@ _SHARE_OF_PROFILE = 0.7
 """Spread of a difference over that of the profile itself from which most of the track is another. One track measured
 twice has a few hundredths, two tracks 1.4."""
 _FEWEST = 200
-"""Rows below which nothing is said: 50 m of them at the usual step of 0.25 m."""
+"""Rows below which nothing is decided: 50 m of them at the usual step of 0.25 m."""
 
 
 def is_other_track(chainage: Array, difference: Array, sigma: Array, profile: Array, used: pd.DataFrame) -> bool:

@@ -1,4 +1,4 @@
-"""The first section of a result's page: what can be believed, and the run in figures."""
+"""The first section of a result's page: what can be trusted, and the run in figures."""
 
 from __future__ import annotations
 
@@ -116,7 +116,7 @@ def _named(verdicts: tuple[Verdict, ...], status: str) -> list[str]:
 
 
 def _trust(page: Summary) -> Iterator[PageTable]:
-    """Yield what can be believed, the worst first, and why; nothing for results of older versions."""
+    """Yield what can be trusted, the worst first, and why; nothing for results of older versions."""
     found = page.verdicts
     if found:
         rows = (

@@ -92,7 +92,7 @@ class RowChecks:
         return np.array(kept).reshape(-1, 2)
 
     def _goes_over(self, t: float, counted: float) -> bool:
-        """Return whether the count has gone over the end of its range; its offset is then that of the next range."""
+        """Return whether the count has passed the end of its range; its offset is then that of the next range."""
         if self.last is None or self.pulse_m == 0.0 or self.refused:
             return False
         before = self.last[1] - self.offset_m

@@ -174,7 +174,7 @@ class ParquetParts:
 
 
 def _write_if_due(sink: weakref.ref[ParquetParts]) -> None:
-    """Write what is left; nothing of a sink that nobody has any more, since another may be open in its folder."""
+    """Write what is left; nothing of a sink that was discarded, since another may be open in its folder."""
     if (held := sink()) is not None:
         held._write_if_due()
 

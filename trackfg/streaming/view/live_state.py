@@ -83,7 +83,7 @@ class LiveState:
         return {**content, "ended": self._ended}
 
     def everything(self) -> tuple[int, str]:
-        """Return the number of messages so far, and one message that holds all that they said."""
+        """Return the number of messages so far, and one message that holds the content of all."""
         with self._changed:
             whole = self._content(list(self._time), list(self._place), list(self._events))
             columns = {"time": [*OVER_TIME, "delay_s"], "place": ["chainage_m", *OVER_PLACE]}

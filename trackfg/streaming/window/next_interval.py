@@ -114,7 +114,7 @@ def with_other_rows(prediction: Prediction, recording: Recording, wheel: Wheel |
 def _across_break(
     inputs: GraphInputs, newest: States, measured: Preintegration, families: tuple[Family, ...]
 ) -> tuple[Preintegration, tuple[Family, ...]]:
-    """Return measurement and factors with the noise of a hole of :data:`OFF_S`: the vehicle may have gone on."""
+    """Return measurement and factors with the noise of a hole of :data:`OFF_S`: the vehicle may have moved on."""
     config, lasting = inputs.config.imu, float(inputs.t[1] - inputs.t[0])
     moved_sd = float(
         np.hypot(np.linalg.norm(newest.nav.v[0]) * OFF_S, config.bridge_accel_white * OFF_S**1.5 / np.sqrt(3.0))

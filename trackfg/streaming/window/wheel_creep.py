@@ -12,7 +12,7 @@ with the probabilities W and E and the length R of the line as in the batch's co
 (:mod:`trackfg.graph.fix_consensus`). Creep is a scale that has walked since the last fix that agreed, w metres before,
 with a sigma of ``MOST_CREEP`` at the end, so that ``q^2 w = MOST_CREEP^2``: creep is likelier than a wrong fix where r
 is below 2.7 % of w (over less than 1 km, below some 3 %). A fix with the chainage of another balise is further off.
-Where positions of GNSS have the sigma g, errors and their duration included, creep beyond that would not have gone
+Where positions of GNSS have the sigma g, errors and their duration included, creep beyond that would not have passed
 unnoticed: the variance of the walk is the parallel sum of ``q^2 w^3 / 3`` and ``g^2``.
 
 If the wheel crept, the window has a scale that walks by q since that fix, and its marginal prior allows for the walk
@@ -165,6 +165,6 @@ def with_walking_scale(families: Sequence[Family], step: Array, per_sqrt_m: floa
 
 
 def _way_since(distance: Array, creep: Creep) -> Array:
-    """Return how much of the creep's way (m, signed) has been gone at distances (n,), m, the last one at its end."""
+    """Return how much of the creep's way (m, signed) lies behind at distances (n,), m, the last one at its end."""
     way = creep.way_m - (distance[-1] - distance)
     return np.asarray(np.clip(way, min(0.0, creep.way_m), max(0.0, creep.way_m)))
