@@ -1,10 +1,14 @@
-"""What all tests share: numpy and the compiled kernels in turn, commands that Ctrl-C ends, no time limits, refusals."""
+"""What all tests share: numpy and the compiled kernels in turn, commands that Ctrl-C ends, no time limits, refusals,
+and modules that are compiled once.
+"""
 
 from __future__ import annotations
 
 import importlib
+import os
 import signal
 import sys
+import tempfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -22,6 +26,15 @@ if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
 # How long an example takes says nothing on a machine that has other work.
 settings.register_profile("any machine", deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("any machine")
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Give the interpreters that tests start, workers included, one folder for compiled modules where the environment
+    has Python write none: each would compile all that it imports anew, which takes a command longer than its work."""
+    if os.environ.pop("PYTHONDONTWRITEBYTECODE", None):
+        folder = tempfile.TemporaryDirectory(prefix="compiled-modules-", ignore_cleanup_errors=True)
+        config.add_cleanup(folder.cleanup)
+        os.environ["PYTHONPYCACHEPREFIX"] = folder.name
 
 
 @pytest.fixture(params=["numpy", "compiled"])
