@@ -66,10 +66,10 @@ class Layer(Outlined):
 
     def rows(self, version: int, geometries: list[bytes | None]) -> list[dict[str, object]]:
         """Return the rows of the table, NaN as None."""
-        known = self.attributes.astype(object).where(self.attributes.notna(), None)
+        attributes = self.attributes.astype(object).where(self.attributes.notna(), None)
         return [
             {"fid": fid, "geom": geom, "version": version, **{str(name): value for name, value in row.items()}}
-            for fid, (geom, row) in enumerate(zip(geometries, known.to_dict("records"), strict=True), start=1)
+            for fid, (geom, row) in enumerate(zip(geometries, attributes.to_dict("records"), strict=True), start=1)
         ]
 
 

@@ -77,7 +77,7 @@ def _column_type(connection: sa.Connection, schema: str, table: str) -> str | No
 
     Examples are ``bytea`` and ``geometry(PointZ,4326)``.
     """
-    found = connection.execute(
+    type_name = connection.execute(
         sa.text(
             "SELECT format_type(atttypid, atttypmod) FROM pg_attribute JOIN pg_class c ON c.oid = attrelid "
             "JOIN pg_namespace n ON n.oid = relnamespace "
@@ -85,7 +85,7 @@ def _column_type(connection: sa.Connection, schema: str, table: str) -> str | No
         ),
         {"schema": schema, "table": table},
     ).scalar()
-    return None if found is None else str(found)
+    return None if type_name is None else str(type_name)
 
 
 def _with_srid(column_type: str) -> str:

@@ -95,16 +95,16 @@ def slow_part(change: Array, step_m: float) -> Array:
     Beyond each end the difference is continued by its reflection in the end point, so that a slow trend continues. A
     window that were cut off there would take the trend of the last 40 m for a change.
     """
-    known = np.flatnonzero(np.isfinite(change))
-    if not known.size:
+    cells = np.flatnonzero(np.isfinite(change))
+    if not cells.size:
         return change
     windows = [2 * round(0.5 * length / step_m) + 1 for length in (_SLOW_M, _SMOOTHED_M)]
     beyond = sum(windows) // 2
-    whole = pd.Series(np.pad(change[known[0] : known[-1] + 1], beyond, mode="reflect", reflect_type="odd"))
+    whole = pd.Series(np.pad(change[cells[0] : cells[-1] + 1], beyond, mode="reflect", reflect_type="odd"))
     middle = whole.rolling(windows[0], center=True, min_periods=1).median()
     smooth = middle.rolling(windows[1], center=True, min_periods=1).mean()
     slow = np.full_like(change, np.nan)
-    slow[known[0] : known[-1] + 1] = smooth.to_numpy()[beyond:-beyond]
+    slow[cells[0] : cells[-1] + 1] = smooth.to_numpy()[beyond:-beyond]
     return slow
 
 
@@ -113,8 +113,8 @@ def stated_sigmas(over: Overlay, chord_m: float) -> dict[str, Array]:
     run, grid = {name: over.run_column(f"{name}_sd") for name in QUANTITIES}, over.grid
     level_of_map = grid["versine_level_mm_sd"].to_numpy()
     ratio = run["twist_mm"] / run["versine_level_mm"]
-    known = ratio[np.isfinite(ratio)]
-    twist = np.hypot(run["twist_mm"], level_of_map * (np.median(known) if known.size else np.nan))
+    finite = ratio[np.isfinite(ratio)]
+    twist = np.hypot(run["twist_mm"], level_of_map * (np.median(finite) if finite.size else np.nan))
     level = np.hypot(run["versine_level_mm"], level_of_map)
     local = {"twist_mm": twist, "cross_level_mm": twist, "gradient_permille": level / (0.5 * chord_m)}
     return {

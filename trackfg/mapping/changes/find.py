@@ -58,7 +58,7 @@ def find_changes(result: Result, feature_map: FeatureMap, *, floor_mm: float = 1
     if to_map is None:
         raise BadInputError(f"run {run}: its track is not recognised on the map {feature_map.name!r}")
     shift_sd = np.interp(result.geometry["chainage_m"], sections["run_m"], sections["match_sd_m"])
-    found = changes(
+    differences = changes(
         with_unstated_sigmas(result.geometry, QUANTITIES),
         grid,
         conventions=result.summary.geometry,
@@ -66,13 +66,13 @@ def find_changes(result: Result, feature_map: FeatureMap, *, floor_mm: float = 1
         shift_sd_m=shift_sd,
         floor_mm=floor_mm,
     )
-    return replace(found, other_track=_of_other_track(found, feature_map, sections))
+    return replace(differences, other_track=_of_other_track(differences, feature_map, sections))
 
 
-def _of_other_track(found: Changes, feature_map: FeatureMap, sections: pd.DataFrame) -> bool:
+def _of_other_track(differences: Changes, feature_map: FeatureMap, sections: pd.DataFrame) -> bool:
     """Return whether the run is of another track than the map, by its differences and their sigmas as stated."""
-    place, grid = found.cells["chainage_m"].to_numpy(), feature_map.grid
-    factor = found.thresholds.loc[found.thresholds["quantity"] == TELLING, "noise_factor"].to_numpy()
-    stated = found.cells[f"{TELLING}_sd"].to_numpy() / factor
+    place, grid = differences.cells["chainage_m"].to_numpy(), feature_map.grid
+    factor = differences.thresholds.loc[differences.thresholds["quantity"] == TELLING, "noise_factor"].to_numpy()
+    stated = differences.cells[f"{TELLING}_sd"].to_numpy() / factor
     profile = np.interp(place, grid["chainage_m"], grid[TELLING])
-    return is_other_track(place, found.cells[TELLING].to_numpy(), stated, profile, sections)
+    return is_other_track(place, differences.cells[TELLING].to_numpy(), stated, profile, sections)

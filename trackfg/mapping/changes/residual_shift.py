@@ -70,10 +70,10 @@ def residual_shift(over: Overlay, sigma: dict[str, Array]) -> tuple[Array, Array
     return shift, sd[k] * (1 - f) + sd[k + 1] * f
 
 
-def _gathered(k: np.ndarray, here: Array, ahead: Array) -> Array:
-    """Return sums over the cells of ``here`` at their knots ``k`` and of ``ahead`` at the next knots."""
+def _gathered(k: np.ndarray, at_knot: Array, ahead: Array) -> Array:
+    """Return sums over the cells of ``at_knot`` at their knots ``k`` and of ``ahead`` at the next knots."""
     knots = int(k.max()) + 2
-    sums = np.bincount(k, here, knots) + np.bincount(k + 1, ahead, knots)
+    sums = np.bincount(k, at_knot, knots) + np.bincount(k + 1, ahead, knots)
     return sums.astype(np.float64)
 
 

@@ -170,11 +170,11 @@ def offset_of_run(seen: Sightings, errors: PlaceCovariance, chainage: Array, cov
     return float(weights @ (seen.chainage_m - chainage)) / total, total**-0.5
 
 
-def _innovation_covariance(seen: Sightings, errors: PlaceCovariance, covariance: Array) -> Array:
+def _innovation_covariance(sightings: Sightings, errors: PlaceCovariance, covariance: Array) -> Array:
     """Return the covariance of what sightings differ by from the map's anchors, (m, m)."""
-    m = len(seen.anchors)
-    P = errors.at(seen.chainage_m)[:m, :m] + covariance
-    P[np.diag_indices(m)] += seen.match_sd_m**2 + _LEAST_SD_M**2
+    m = len(sightings.anchors)
+    P = errors.at(sightings.chainage_m)[:m, :m] + covariance
+    P[np.diag_indices(m)] += sightings.match_sd_m**2 + _LEAST_SD_M**2
     return np.asarray(P)
 
 

@@ -159,8 +159,8 @@ def _with_runs(survey: Survey, runs: Sequence[Result | JoinableRun], joining: Jo
         steps = len(waiting) + 1
         survey, waiting = _in_turn(survey, waiting, lambda run, done: joining.progress(run, done / steps))
         while waiting:
-            survey, left = _with_blocks(survey, waiting, joining, steps)
-            waiting = {run_id: run for run_id, run in waiting.items() if run_id in left}
+            survey, remaining_ids = _with_blocks(survey, waiting, joining, steps)
+            waiting = {run_id: run for run_id, run in waiting.items() if run_id in remaining_ids}
         if survey.grid is None:
             raise BadInputError("no run is left: a map needs at least one")
         for message in survey.doubts.values():
@@ -205,8 +205,8 @@ def _named(
             leave_out(run.summary.recording_id, error)
     for facts, run in sorted(fit, key=lambda pair: not pair[0].anchored):
         recording_id = run.summary.recording_id
-        if (there := contents.get(facts.content_sha256)) is not None:
-            leave_out(recording_id, BadInputError(f"run {recording_id}: is in the map already, as {there}"))
+        if (twin := contents.get(facts.content_sha256)) is not None:
+            leave_out(recording_id, BadInputError(f"run {recording_id}: is in the map already, as {twin}"))
             continue
         number, run_id = 1, recording_id
         while run_id in taken:
@@ -246,8 +246,8 @@ def _with_blocks(
     blocks: list[_Block] = []
     for block in joining.mapped(partial(_condensed, survey), cut):
         blocks.append(block)
-        left = len(runs) - BLOCK * len(blocks)
-        joining.progress("runs", 1.0 - (max(left, 0) + 1) / steps)
+        run_count = len(runs) - BLOCK * len(blocks)
+        joining.progress("runs", 1.0 - (max(run_count, 0) + 1) / steps)
     parts = [block.part for block in blocks if block.part is not None]
     while len(parts) > 1:
         parts = list(

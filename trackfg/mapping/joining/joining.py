@@ -208,8 +208,8 @@ def part_of_run(survey: Survey, run_id: str, result: Result, place: str | None =
 def _of_other_track(profile: pd.DataFrame, grid: pd.DataFrame, recognition: Recognition) -> bool:
     """Return whether a run, on the grid's cells, is of another track than the grid."""
     columns = ["chainage_m", TELLING, f"{TELLING}_sd"]
-    run, known = (table[columns].round({"chainage_m": 6}) for table in (profile, grid))
-    both = run.merge(known, on="chainage_m", suffixes=("", "_map"))
+    run, reference = (table[columns].round({"chainage_m": 6}) for table in (profile, grid))
+    both = run.merge(reference, on="chainage_m", suffixes=("", "_map"))
     place, of_run, run_sd, of_map, map_sd = both.to_numpy().T
     return is_other_track(place, of_run - of_map, np.hypot(run_sd, map_sd), of_map, recognition.used)
 
@@ -292,16 +292,16 @@ def _sightings_of_known_anchors(
     return Sightings(kept, to_map.inverse(places), np.interp(places, section, used["match_sd_m"]), level + more)
 
 
-def _agreeing(at: Chainages, seen: Sightings, result: Result, *, anchored: bool) -> np.ndarray:
+def _agreeing(at: Chainages, sightings: Sightings, result: Result, *, anchored: bool) -> np.ndarray:
     """Return which sightings do not contradict the runs in the survey, bool (m,)."""
-    if not seen.anchors:
+    if not sightings.anchors:
         return np.zeros(0, dtype=bool)
-    return agreeing_sightings(seen, result.covariance, *_anchors_of_survey(at, seen), anchored=anchored)
+    return agreeing_sightings(sightings, result.covariance, *_anchors_of_survey(at, sightings), anchored=anchored)
 
 
-def _refuse_other_fixes(at: Chainages, seen: Sightings, result: Result, run_id: str) -> None:
+def _refuse_other_fixes(at: Chainages, sightings: Sightings, result: Result, run_id: str) -> None:
     """Raise :class:`BadInputError` for a run whose fixes place it elsewhere than those of the runs in the survey do."""
-    off, sd = offset_of_run(seen, result.covariance, *_anchors_of_survey(at, seen))
+    off, sd = offset_of_run(sightings, result.covariance, *_anchors_of_survey(at, sightings))
     if abs(off) > WRONG_SIGMAS * sd:
         where = f"{abs(off):.2f} m {'ahead of' if off > 0.0 else 'behind'} where the map has it"
         raise BadInputError(
@@ -311,9 +311,9 @@ def _refuse_other_fixes(at: Chainages, seen: Sightings, result: Result, run_id: 
         )
 
 
-def _anchors_of_survey(at: Chainages, seen: Sightings) -> tuple[Array, Array]:
+def _anchors_of_survey(at: Chainages, sightings: Sightings) -> tuple[Array, Array]:
     """Return where the survey has the anchors that were sighted, m (m,), and the covariance (m, m)."""
-    rows = at.joint.rows([chainage_variable(anchor) for anchor in seen.anchors])
+    rows = at.joint.rows([chainage_variable(anchor) for anchor in sightings.anchors])
     return at.joint.x[rows], at.joint.covariance[np.ix_(rows, rows)]
 
 

@@ -51,7 +51,7 @@ def landmarks(
     sd = np.sqrt(np.diag(covariance))
     ids = _ids(curves, nodes, sd, previous)
     places, places_sd = np.full((2, len(nodes), 3), np.nan) if position is None else position(chainage)
-    seen = observations(chainage)
+    counts = observations(chainage)
     rows = []
     for k, node in enumerate(nodes):
         curve, curve_id = curves[node.curve], ids[node.curve]
@@ -73,7 +73,7 @@ def landmarks(
                 **_measured("cant_mm", curve, "cant_mm"),
                 **{name: places[k, axis] for axis, name in enumerate(("east_m", "north_m", "up_m"))},
                 **{name: places_sd[k, axis] for axis, name in enumerate(("east_m_sd", "north_m_sd", "up_m_sd"))},
-                "observations": int(seen[k]),
+                "observations": int(counts[k]),
             }
         )
     table = pd.DataFrame(rows, columns=list(LANDMARK_COLUMNS))
@@ -127,15 +127,15 @@ def _nodes(curves: Sequence[Curve]) -> tuple[list[_Node], Array]:
     return [nodes[k] for k in order], covariance[np.ix_(order, order)]
 
 
-def _joined(known: Array, own: Array, rows: list[int], shared: list[int], added: list[int]) -> Array:
-    """Return the covariance ``known`` (n, n) extended by the variables ``added`` of the covariance ``own``.
+def _joined(covariance: Array, other: Array, rows: list[int], shared: list[int], added: list[int]) -> Array:
+    """Return the ``covariance`` (n, n) extended by the variables ``added`` of the covariance ``other``.
 
-    ``shared`` of its variables are ``rows`` of the known ones; given these, the added ones are independent of the rest.
+    ``shared`` of its variables are ``rows`` of the first; given these, the added ones are independent of the rest.
     """
-    gain = own[np.ix_(added, shared)] @ np.linalg.pinv(own[np.ix_(shared, shared)], hermitian=True)
-    across = gain @ known[rows]
-    conditional = own[np.ix_(added, added)] - gain @ own[np.ix_(shared, added)]
-    return np.block([[known, across.T], [across, conditional + across[:, rows] @ gain.T]])
+    gain = other[np.ix_(added, shared)] @ np.linalg.pinv(other[np.ix_(shared, shared)], hermitian=True)
+    across = gain @ covariance[rows]
+    conditional = other[np.ix_(added, added)] - gain @ other[np.ix_(shared, added)]
+    return np.block([[covariance, across.T], [across, conditional + across[:, rows] @ gain.T]])
 
 
 def _ids(curves: Sequence[Curve], nodes: Sequence[_Node], sd: Array, previous: pd.DataFrame | None) -> list[str]:

@@ -122,10 +122,10 @@ class Chainages:
 
     def levels(self) -> tuple[list[str], Array, Array, Array]:
         """Return the anchors with a known cross-level: names, places, mean cross-levels and their covariance."""
-        known = [anchor for anchor in self.anchors if cross_level_variable(anchor) in self.joint.index]
-        rows = self.joint.rows([cross_level_variable(anchor) for anchor in known])
-        place = self.joint.x[self.joint.rows([chainage_variable(anchor) for anchor in known])]
-        return known, place, self.joint.x[rows], self.joint.covariance[np.ix_(rows, rows)]
+        anchors = [anchor for anchor in self.anchors if cross_level_variable(anchor) in self.joint.index]
+        rows = self.joint.rows([cross_level_variable(anchor) for anchor in anchors])
+        place = self.joint.x[self.joint.rows([chainage_variable(anchor) for anchor in anchors])]
+        return anchors, place, self.joint.x[rows], self.joint.covariance[np.ix_(rows, rows)]
 
     @property
     def _rows(self) -> np.ndarray:

@@ -106,8 +106,8 @@ class LogLikelihoods:
         """
         short = []
         for waves, values in zip(self.short, least.T, strict=True):
-            known = values[np.isfinite(values)]
-            noise = float(np.quantile(known, _BEST_SHARE)) if known.size else 0.0
+            finite = values[np.isfinite(values)]
+            noise = float(np.quantile(finite, _BEST_SHARE)) if finite.size else 0.0
             short.append(replace(waves, same_variance=max(waves.same_variance, noise)))
         return replace(self, short=tuple(short))
 

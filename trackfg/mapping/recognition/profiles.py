@@ -114,8 +114,8 @@ class FeatureProfile:
 
     def claimed_variance(self, name: str) -> float:
         """Return the square of the median sigma that the table gives for a feature; 0 where it gives none."""
-        known = self.sigmas[name][np.isfinite(self.sigmas[name])]
-        return float(np.median(known)) ** 2 if known.size else 0.0
+        finite = self.sigmas[name][np.isfinite(self.sigmas[name])]
+        return float(np.median(finite)) ** 2 if finite.size else 0.0
 
 
 def common_step(run: pd.DataFrame, reference: pd.DataFrame) -> float:
@@ -201,8 +201,8 @@ def short_waves(values: Array) -> Array:
 
 def clipped(run: Array, reference: Array) -> tuple[Array, Array]:
     """Return both signals, clipped at four of their common robust sigmas."""
-    known = np.concatenate([run[np.isfinite(run)], reference[np.isfinite(reference)]])
-    limit = _CLIP * robust_sd(known) if known.size else np.inf
+    values = np.concatenate([run[np.isfinite(run)], reference[np.isfinite(reference)]])
+    limit = _CLIP * robust_sd(values) if values.size else np.inf
     return np.clip(run, -limit, limit), np.clip(reference, -limit, limit)
 
 
@@ -233,10 +233,10 @@ def irregularity(mean_curvature: Array) -> float:
 
 def _bridged(x: Array) -> Array:
     """Return the values with holes of up to 2 m filled by straight lines."""
-    known = np.flatnonzero(np.isfinite(x))
+    finite_rows = np.flatnonzero(np.isfinite(x))
     out = x.copy()
-    for hole in np.flatnonzero((np.diff(known) > 1) & (np.diff(known) <= _FILL_M + 1)):
-        begin, end = known[hole], known[hole + 1]
+    for hole in np.flatnonzero((np.diff(finite_rows) > 1) & (np.diff(finite_rows) <= _FILL_M + 1)):
+        begin, end = finite_rows[hole], finite_rows[hole + 1]
         out[begin : end + 1] = np.linspace(x[begin], x[end], end - begin + 1)
     return out
 

@@ -111,8 +111,8 @@ class _Network:
         fixes, passages = np.flatnonzero(~has_id), np.flatnonzero(has_id)
         rows = {"plan": np.arange(m, len(self.measured)), "fix": fixes, "passage": passages, "wheel": behind}
         later = np.empty((len(self.measured), m))
-        for one in np.unique(run):
-            of_run = np.flatnonzero(run == one)
+        for run_number in np.unique(run):
+            of_run = np.flatnonzero(run == run_number)
             later[:, of_run] = np.cumsum(self.whitening[:, of_run[::-1]], axis=1)[:, ::-1]
         alone = [self.whitening[:, rows[kind]] for kind in ("plan", "fix", "passage")]
         columns = np.hstack([*alone, later[:, behind]])
@@ -146,7 +146,7 @@ def surveyed_by_results(
 
     Raises :class:`BadInputError` too for a result without passages of balises, and for a run that is there twice.
     """
-    seen: dict[str, str] = {}
+    name_of: dict[str, str] = {}
     for result, name in zip(results, names, strict=True):
         if not len(result.passages):
             raise BadInputError(
@@ -154,9 +154,9 @@ def surveyed_by_results(
                 "chainage is to be trusted. Hint: smooth the recording again if it has them"
             )
         content = name if result.summary.run is None else result.summary.run.content_sha256
-        if content in seen:
-            raise BadInputError(f"{name}: is the same run as {seen[content]}: expected each run once")
-        seen[content] = name
+        if content in name_of:
+            raise BadInputError(f"{name}: is the same run as {name_of[content]}: expected each run once")
+        name_of[content] = name
     return surveyed([result.passages for result in results], names, planned)
 
 
@@ -193,11 +193,11 @@ def _plans(passages: pd.DataFrame, names: Sequence[str]) -> pd.DataFrame:
     if (apart > _SAME_PLAN_M).any():
         name = stated["name"].iloc[int(apart.to_numpy().argmax())]
         some = stated[stated["name"] == name].drop_duplicates("chainage_m")[["run", "chainage_m", "chainage_sd_m"]]
-        said = ", ".join(
+        places = ", ".join(
             f"{x:.10g} m (sigma {sd:.3g} m) in {names[int(run)]}" for run, x, sd in some.to_numpy().tolist()
         )
         raise BadInputError(
-            f"balise {name!r} is planned at {said}. Hint: give the places that hold for all runs as --planned FILE"
+            f"balise {name!r} is planned at {places}. Hint: give the places that hold for all runs as --planned FILE"
         )
     return by_name.first()
 
@@ -220,11 +220,11 @@ def _network(runs: Sequence[BalisePassages], passages: pd.DataFrame, plans: pd.D
     _, first, of_part = np.unique(part[b:], return_index=True, return_inverse=True)
     is_origin = ~anchored[b:] & (first[of_part] == np.arange(r))
     free = np.append(np.ones(b, dtype=bool), np.isin(np.arange(r), run) & ~is_origin)
-    own = [run.covariance + np.diag(_own_variance(run.table)) for run in runs if len(run)]
-    roots = [solve_triangular(cholesky(S, lower=True), np.eye(len(S)), lower=True) for S in own]
+    covariances = [run.covariance + np.diag(_own_variance(run.table)) for run in runs if len(run)]
+    roots = [solve_triangular(cholesky(S, lower=True), np.eye(len(S)), lower=True) for S in covariances]
     whitening = block_diag(*roots, np.diag(1.0 / plans["chainage_sd_m"].to_numpy()[plan_of]))
-    passed = passages["chainage_m"].to_numpy() - np.where(is_fix, passages["planned_m"].to_numpy(), 0.0)
-    measured = np.concatenate([passed, plans["chainage_m"].to_numpy()[plan_of]])
+    passage_m = passages["chainage_m"].to_numpy() - np.where(is_fix, passages["planned_m"].to_numpy(), 0.0)
+    measured = np.concatenate([passage_m, plans["chainage_m"].to_numpy()[plan_of]])
     return _Network(
         passages.assign(balise=number),
         list(names),
@@ -274,11 +274,11 @@ def _solution(network: _Network, errors: list[_Error], columns: Array) -> _Estim
 
 def _explained(network: _Network, estimate: _Estimate, columns: Array) -> tuple[Array, Array]:
     """Return the size of each error (c,) in sigmas and its sigma, m; 0 and NaN where nothing else is measured of it."""
-    left = estimate.residual(columns)
-    power = np.sum(left**2, axis=0)
+    residual = estimate.residual(columns)
+    power = np.sum(residual**2, axis=0)
     seen = power > _LEAST_FREE * np.sum(columns**2, axis=0)
     sd = np.where(seen, 1.0 / np.sqrt(np.where(seen, power, 1.0)), np.nan)
-    return np.where(seen, (left.T @ network.measured) * np.where(seen, sd, 0.0), 0.0), sd
+    return np.where(seen, (residual.T @ network.measured) * np.where(seen, sd, 0.0), 0.0), sd
 
 
 def _tested(network: _Network, columns: Array, estimate: _Estimate) -> tuple[Array, Array]:
@@ -341,9 +341,9 @@ def _left_out(network: _Network, names: Sequence[str], estimate: _Estimate) -> t
     at = network.passages[["run", "t_s", "id"]].to_dict("records")
     for error, size, sd in zip(estimate.errors, *estimate.sizes, strict=True):
         if error.kind == "passage":
-            one = at[error.row]
-            misread.append((names[one["run"]], one["t_s"], one["id"], size, sd))
+            passage = at[error.row]
+            misread.append((names[passage["run"]], passage["t_s"], passage["id"], size, sd))
         elif error.kind == "wheel":
-            before, behind = at[error.row - 1], at[error.row]
-            slips.append((names[behind["run"]], before["t_s"], behind["t_s"], size, sd))
+            start, end = at[error.row - 1], at[error.row]
+            slips.append((names[end["run"]], start["t_s"], end["t_s"], size, sd))
     return pd.DataFrame(misread, columns=list(MISREAD_COLUMNS)), pd.DataFrame(slips, columns=list(SLIP_COLUMNS))

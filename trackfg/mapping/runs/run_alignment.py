@@ -43,15 +43,15 @@ def aligned(run: Result, reference: Result, name: str, section_m: float) -> tupl
     band_only = run.summary.solver is None or reference.summary.solver is None
     tables = [_compared(result, step_m, band_only=band_only) for result in (run, reference)]
     facts = run.summary.run
-    found = _recognised(tables[0], tables[1], 1 if facts is None else facts.direction, section_m)
-    warp = None if found is None else found.warp
-    if found is None or warp is None:
+    recognition = _recognised(tables[0], tables[1], 1 if facts is None else facts.direction, section_m)
+    warp = None if recognition is None else recognition.warp
+    if recognition is None or warp is None:
         of_run, of_reference = (f"{t['chainage_m'].iloc[0]:.0f} m to {t['chainage_m'].iloc[-1]:.0f} m" for t in tables)
         raise BadInputError(
             f"{name}: no overlap: its track, {of_run}, is recognised nowhere on that of "
             f"{reference.summary.recording_id}, {of_reference}"
         )
-    return _shifts(found, name, section_m), warp
+    return _shifts(recognition, name, section_m), warp
 
 
 def _recognised(run: pd.DataFrame, reference: pd.DataFrame, direction: int, section_m: float) -> Recognition | None:
@@ -60,11 +60,11 @@ def _recognised(run: pd.DataFrame, reference: pd.DataFrame, direction: int, sect
     expected = _ENOUGH * (min(x[-1], y[-1]) - max(x[0], y[0])) / section_m
     best: Recognition | None = None
     for place_sd in _searches(run, reference, section_m):
-        found = recognise(
+        candidate = recognise(
             run, reference, place_sd_m=place_sd, rate_sd=_SCALE_SD, direction=direction, section_m=section_m
         )
-        if found.warp is not None and (best is None or len(found.used) > len(best.used)):
-            best = found
+        if candidate.warp is not None and (best is None or len(candidate.used) > len(best.used)):
+            best = candidate
         if best is not None and len(best.used) >= max(expected, 2.0):
             break
     return best
@@ -102,8 +102,8 @@ def _compared(result: Result, step_m: float, *, band_only: bool) -> pd.DataFrame
     return out
 
 
-def _shifts(found: Recognition, name: str, section_m: float) -> pd.DataFrame:
-    used = found.used
+def _shifts(recognition: Recognition, name: str, section_m: float) -> pd.DataFrame:
+    used = recognition.used
     reference = used["reference_m"].to_numpy()
     return pd.DataFrame(
         {

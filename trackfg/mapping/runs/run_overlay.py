@@ -82,22 +82,22 @@ def overlaid(results: Sequence[Result], names: Sequence[str], *, section_m: floa
         shifts.append(shifts_of_run)
         geometries.append(geometry)
         differences.append(_differences(reference, result, geometry, name))
-    found = pd.concat(shifts, ignore_index=True)
-    return RunOverlay(tuple(names), found, tuple(geometries), pd.concat(differences, ignore_index=True))
+    shift_table = pd.concat(shifts, ignore_index=True)
+    return RunOverlay(tuple(names), shift_table, tuple(geometries), pd.concat(differences, ignore_index=True))
 
 
 def _differences(reference: Result, run: Result, geometry: pd.DataFrame, name: str) -> pd.DataFrame:
     """Return the standard deviation and mean of the difference per section, of each channel that means the same."""
     step_m = reference.summary.geometry.step_m
     channels = comparable_channels(reference, run)
-    here, there = (table[["chainage_m", *channels]] for table in (reference.geometry, geometry))
+    reference_table, run_table = (table[["chainage_m", *channels]] for table in (reference.geometry, geometry))
     _, row, row_of_run = np.intersect1d(
-        cells_of(here, step_m), cells_of(there, step_m), assume_unique=True, return_indices=True
+        cells_of(reference_table, step_m), cells_of(run_table, step_m), assume_unique=True, return_indices=True
     )
-    chainage = here["chainage_m"].to_numpy()[row]
+    chainage = reference_table["chainage_m"].to_numpy()[row]
     tables = [pd.DataFrame(columns=list(DIFFERENCE_COLUMNS))]
     for channel in channels:
-        difference = there[channel].to_numpy()[row_of_run] - here[channel].to_numpy()[row]
+        difference = run_table[channel].to_numpy()[row_of_run] - reference_table[channel].to_numpy()[row]
         table = section_statistics(chainage, difference, section_m=REPEATED_M)
         table = table[table["count"] >= FULL_SHARE * REPEATED_M / step_m]
         if len(table):

@@ -213,9 +213,11 @@ def _most_sudden(X: Array, weight: Array, y: Array, threshold: Array) -> tuple[A
     shares = weight[..., None] * X
 
     def gains(pull: Array, weight: Array, shares: Array) -> Array:
-        left = weight - np.einsum("nmi,mij,nmj->nm", shares, inverse, shares, optimize=True)
+        remainder = weight - np.einsum("nmi,mij,nmj->nm", shares, inverse, shares, optimize=True)
         # What the other columns explain almost wholly cannot be separated from them.
-        return np.where(left > 1e-6 * weight, pull**2 / np.where(left > 0.0, left, 1.0), 0.0) / threshold**2
+        return (
+            np.where(remainder > 1e-6 * weight, pull**2 / np.where(remainder > 0.0, remainder, 1.0), 0.0) / threshold**2
+        )
 
     def from_there_on(values: Array) -> Array:
         return np.cumsum(values[::-1], axis=0)[::-1]

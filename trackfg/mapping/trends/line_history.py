@@ -62,8 +62,8 @@ def rates(history: Series, name: str) -> tuple[Array, Array]:
     if len(set(history.dates)) < FEWEST_RUNS:
         none = np.full(history.chainage_m.size, np.nan)
         return none, none
-    found = drift_of(history, name, months(history.dates))
-    return found.rate, found.rate_sd
+    drift = drift_of(history, name, months(history.dates))
+    return drift.rate, drift.rate_sd
 
 
 def section_table(history: Series) -> pd.DataFrame:

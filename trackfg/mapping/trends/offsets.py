@@ -51,11 +51,11 @@ def _of_sensors(t: Array, sensors: np.ndarray, known: np.ndarray) -> list[Array]
     has_reference = different_times(t, of_reference) >= FEWEST_TIMES
     columns = []
     for name in names[names != reference]:
-        own = known & (sensors == name)[:, None]
-        own_first, own_last = _ends(t, own)
+        of_sensor = known & (sensors == name)[:, None]
+        own_first, own_last = _ends(t, of_sensor)
         # A sensor that only took another's place cannot be distinguished from work on the track at that time.
         overlaps = (own_first < last) & (own_last > first)
-        observable = overlaps & has_reference & (different_times(t, own) >= FEWEST_TIMES)
+        observable = overlaps & has_reference & (different_times(t, of_sensor) >= FEWEST_TIMES)
         if observable.any():
             columns.append(np.where(observable, sensors[:, None] == name, 0.0))
     return columns

@@ -79,7 +79,7 @@ def series(results: Sequence[Result | JoinableRun], feature_map: FeatureMap) -> 
     """
     dated = sorted(((_date(result.summary), result) for result in results), key=lambda pair: pair[0])
     names = _names([result.summary for _, result in dated])
-    seen, left_out, doubts = [], dict[str, str](), dict[str, str]()
+    entries, left_out, doubts = [], dict[str, str](), dict[str, str]()
     for run, (date, result) in zip(names, dated, strict=True):
         try:
             read = result.read() if isinstance(result, JoinableRun) else result
@@ -87,10 +87,10 @@ def series(results: Sequence[Result | JoinableRun], feature_map: FeatureMap) -> 
         except BadInputError as error:
             left_out[run] = str(error).removeprefix(f"run {result.summary.recording_id}: ")
             continue
-        seen.append((date, run, changes.cells, sensor_of(result.summary)))
+        entries.append((date, run, changes.cells, sensor_of(result.summary)))
         if changes.other_track:
             doubts[run] = other_track_message(run, feature_map.name)
-    if (different := len({date for date, *_ in seen})) < FEWEST_RUNS:
+    if (different := len({date for date, *_ in entries})) < FEWEST_RUNS:
         reasons = "".join(f"; {reason}" for reason in left_out.values())
         raise BadInputError(f"{different} runs of different dates; a trend needs at least {FEWEST_RUNS}{reasons}")
     meanings = [result.summary.geometry for result in results]
@@ -98,14 +98,14 @@ def series(results: Sequence[Result | JoinableRun], feature_map: FeatureMap) -> 
         raise BadInputError(f"runs with twists over {', '.join(sorted(bases))}; expected one base")
     step = feature_map.conventions.step_m
     on_map = without_gaps(feature_map.grid, step, meanings[0])
-    every, shape = on_map.index.to_numpy(), (len(seen), len(on_map))
+    every, shape = on_map.index.to_numpy(), (len(entries), len(on_map))
     values, sd = ({name: np.full(shape, np.nan) for name in QUANTITIES} for _ in range(2))
-    for row, (_, _, change, _) in enumerate(seen):
+    for row, (_, _, change, _) in enumerate(entries):
         places = cells_of(change, step) - every[0]
         for name in QUANTITIES:
             values[name][row, places] = on_map[name].to_numpy()[places] + change[name].to_numpy()
             sd[name][row, places] = change[f"{name}_sd"].to_numpy()
-    dates, runs, _, sensors = zip(*seen, strict=True)
+    dates, runs, _, sensors = zip(*entries, strict=True)
     return Series(runs, dates, every * step, step, values, sd, sensors, doubts), left_out
 
 

@@ -69,9 +69,9 @@ def find_trends(
     by_cell, left_out = series(results, feature_map)
     twist_base_m = results[0].summary.geometry.twist_base_m
     followed, not_followed = _followed(limits, feature_map.conventions, twist_base_m)
-    found = trends_of(by_cell, followed, feature_map.conventions.chord_m, floor_mm_per_month, load)
+    trends = trends_of(by_cell, followed, feature_map.conventions.chord_m, floor_mm_per_month, load)
     left_out = {f"run {run}": reason for run, reason in left_out.items()}
-    return replace(found, left_out={**left_out, **not_followed}, doubts=by_cell.doubts)
+    return replace(trends, left_out={**left_out, **not_followed}, doubts=by_cell.doubts)
 
 
 def trends_of(
@@ -123,12 +123,12 @@ def drift_of(places: Series, name: str, wear: Wear) -> Drift:
     t, y, sd = wear.at(places.dates), places.value[name], places.sd[name]
     strict = _threshold(places, name, np.diff(y, axis=0), tests=t.size)
     offsets = offset_columns(places.t_days, places.sensors, np.isfinite(y))
-    found = drift(t, y, sd, threshold=strict, offsets=offsets)
+    fit = drift(t, y, sd, threshold=strict, offsets=offsets)
     near = 1 + 2 * round(_WORKED_M / places.step_m)
-    stepped = pd.DataFrame((found.steps != 0.0).T.astype(float))
+    stepped = pd.DataFrame((fit.steps != 0.0).T.astype(float))
     worked = stepped.rolling(near, center=True, min_periods=1).max().to_numpy().T > 0.0
     if not worked.any():
-        return found
+        return fit
     return drift(t, y, sd, threshold=np.where(worked, min(_LIKELY_SIGMAS, strict), strict), offsets=offsets)
 
 
