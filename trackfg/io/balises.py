@@ -76,9 +76,9 @@ def balises_written(part: Balises, passages: pd.DataFrame, file: str) -> tuple[B
 
 def _ids(folder: Path, file: str, column: str) -> tuple[list[str] | None, list[Finding]]:
     ids, findings = text_column(folder, file, column)
-    for row, one in enumerate(ids or ()):
-        if not 0 < len(one) <= _MOST_LETTERS:
-            message = "no id" if not one else f"an id of {len(one)} letters"
+    for row, text in enumerate(ids or ()):
+        if not 0 < len(text) <= _MOST_LETTERS:
+            message = "no id" if not text else f"an id of {len(text)} letters"
             expected, hint = f"1 to {_MOST_LETTERS} letters or digits", "remove the row, or write the id"
             return None, [*findings, ColumnPlace(file, column).at_row(row, "bad-id", message, expected, hint)]
     return ids, findings

@@ -100,13 +100,13 @@ def check_recording(
     limits, begin = limits or CheckLimits(), progress or (lambda stage, done: None)
     begin("reading", 0.0)
     loaded = load(path, limits)
-    found = list(loaded.findings)
+    findings = list(loaded.findings)
     estimates: Mapping[str, Any] = {}
-    has_clock = not any(finding.code in _NO_CLOCK for finding in errors(found))
+    has_clock = not any(finding.code in _NO_CLOCK for finding in errors(findings))
     if loaded.recording is not None and has_clock:
         begin("checking", _UNTIL_READ)
         values, disagreements = diagnose(loaded.recording, limits)
-        found += disagreements
+        findings += disagreements
         estimates = values.as_dict()
-    found.sort(key=lambda finding: _ORDER.index(finding.level))
-    return CheckReport(tuple(found), estimates)
+    findings.sort(key=lambda finding: _ORDER.index(finding.level))
+    return CheckReport(tuple(findings), estimates)

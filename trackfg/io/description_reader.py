@@ -254,9 +254,9 @@ def _finding(detail: ErrorDetails, model: type[Model], prefix: str, file: str) -
         return Finding("error", code, message, file=file, column=column, expected=expected, hint=hint)
 
     if kind == "extra_forbidden":
-        known = [key for key in keys_at(model, loc[:-1]) if key != "further_tach"]  # which is written [[tach]]
-        hint = did_you_mean(name, known)
-        return finding("unknown-key", "unknown key", f"one of {', '.join(known)}", hint or "remove it")
+        model_keys = [key for key in keys_at(model, loc[:-1]) if key != "further_tach"]  # which is written [[tach]]
+        hint = did_you_mean(name, model_keys)
+        return finding("unknown-key", "unknown key", f"one of {', '.join(model_keys)}", hint or "remove it")
     if kind == "missing" and loc == keys:
         return finding("missing-key", "required key is missing", hint=f"add it: {_EXAMPLES.get(name, name + ' = ...')}")
     if kind == "literal_error":

@@ -188,13 +188,13 @@ def _of_geopackage(path: Path) -> list[Feature]:
                 "SELECT g.table_name, g.column_name, s.srs_id, s.organization_coordsys_id FROM gpkg_geometry_columns g "
                 "JOIN gpkg_spatial_ref_sys s ON s.srs_id = g.srs_id"
             ).fetchall()
-            found: list[Feature] = []
+            features: list[Feature] = []
             for table, column, srs, epsg in layers:
                 system = _UNDEFINED.get(srs, _system_of(f"EPSG:{epsg}"))
-                found += _rows(path, database, str(table), str(column), system)
+                features += _rows(path, database, str(table), str(column), system)
             for table in _tables_without_geometry(database):
-                found += _rows(path, database, table)
-            return found
+                features += _rows(path, database, table)
+            return features
     except sqlite3.Error as error:
         raise BadInputError(f"{path}: not readable as a GeoPackage: {first_line(error)}") from error
 

@@ -80,9 +80,9 @@ def read_recording(path: Path | str, limits: CheckLimits | None = None) -> Recor
     ['t_s', 'wx_radps', 'wy_radps', 'wz_radps']
     """
     loaded = load(path, limits)
-    found = errors(loaded.findings)
-    if found or loaded.recording is None:
-        raise BadInputError(_message(found, path))
+    faults = errors(loaded.findings)
+    if faults or loaded.recording is None:
+        raise BadInputError(_message(faults, path))
     return loaded.recording
 
 
@@ -141,8 +141,8 @@ def load(path: Path | str, limits: CheckLimits | None = None) -> LoadedRecording
     return LoadedRecording(distinct, recording)
 
 
-def _message(found: list[Finding], path: Path | str) -> str:
-    more = len(found) - 1
+def _message(faults: list[Finding], path: Path | str) -> str:
+    more = len(faults) - 1
     if more == 0:
-        return str(found[0])
-    return f"{found[0]} ({more} more error{'s' if more > 1 else ''}: `trackfg check {path}` lists all)"
+        return str(faults[0])
+    return f"{faults[0]} ({more} more error{'s' if more > 1 else ''}: `trackfg check {path}` lists all)"

@@ -218,10 +218,10 @@ def _search_csv(
                 if value is None:
                     wrong[column].append((number, row[i]))
                 cells[column].append(np.nan if value is None else value)
-    for column, found in wrong.items():
-        if found:
-            row_number, text = found[0]
-            more = f" ({len(found)} such cells)" if len(found) > 1 else ""
+    for column, wrong_cells in wrong.items():
+        if wrong_cells:
+            row_number, text = wrong_cells[0]
+            more = f" ({len(wrong_cells)} such cells)" if len(wrong_cells) > 1 else ""
             message = f"{text[:40]!r} is not a number{more}"
             hint = "write decimals with a point, without units or thousands separators"
             fault = _fault("not-numeric", message, name, column, "a number", hint)

@@ -155,8 +155,8 @@ def canonical_form(recording: Recording, table_format: str) -> tuple[RecordingDe
 def _complete(sensor: SensorFormat[Any], name: str, table: pd.DataFrame) -> pd.DataFrame:
     """The canonical columns of a table. Raises :class:`BadInputError` where it lacks one."""
     if missing := [column for column in sensor.canonical if column not in table.columns]:
-        _, _, own = name.partition("/")
-        which = f"{sensor.key} {own!r}" if own else f"{name}.parquet"
+        _, _, sensor_name = name.partition("/")
+        which = f"{sensor.key} {sensor_name!r}" if sensor_name else f"{name}.parquet"
         expected = ", ".join(sensor.canonical)
         raise BadInputError(f"{which}: the table to write lacks {', '.join(missing)}; expected {expected}")
     return table[list(sensor.canonical)]
@@ -169,7 +169,7 @@ def _places(
     if not sensor.several:
         return [(f"{sensor.key}.{table_format}", None) for _ in written]
     times = [table[TIME_COLUMN].to_numpy() for _, table in written]
-    first = [next(j for j, t in enumerate(times) if np.array_equal(t, own)) for own in times]
+    first = [next(j for j, t in enumerate(times) if np.array_equal(t, clock)) for clock in times]
     groups = list(dict.fromkeys(first))
     places = []
     for i, (leader, (keys, _)) in enumerate(zip(first, written, strict=True)):

@@ -48,11 +48,11 @@ def located_geometry(result: Result) -> pd.DataFrame:
     trajectory, chainage = result.trajectory, result.geometry["chainage_m"].to_numpy()
     along = trajectory["chainage_m"].to_numpy() * direction_of(result)
     first = np.concatenate([[True], along[1:] > np.maximum.accumulate(along)[:-1]]) if len(along) else along > 0
-    passed = trajectory[first].sort_values("chainage_m")
-    if passed.empty:
-        passed = pd.DataFrame({name: [np.nan] for name in passed.columns})
+    passages = trajectory[first].sort_values("chainage_m")
+    if passages.empty:
+        passages = pd.DataFrame({name: [np.nan] for name in passages.columns})
     places = {
-        name: np.interp(chainage, passed["chainage_m"], passed[name], left=np.nan, right=np.nan)
+        name: np.interp(chainage, passages["chainage_m"], passages[name], left=np.nan, right=np.nan)
         for name in PLACE_COLUMNS
     }
     origin = origin_of(result)

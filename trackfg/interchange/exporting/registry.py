@@ -34,7 +34,7 @@ _OWN: tuple[type[ResultFormat], ...] = (
 def result_formats() -> dict[str, ResultFormat]:
     """Return the formats by name."""
     others = [point.load()() for point in entry_points(group=ENTRY_POINT)]
-    return {form.key: form for form in (*(own() for own in _OWN), *others)}
+    return {form.key: form for form in (*(make() for make in _OWN), *others)}
 
 
 def result_format(name: str) -> ResultFormat:

@@ -133,15 +133,15 @@ class Conversion:
 
         What is wrong in a table of several sensors is reported once.
         """
-        found = list({one.sentence: one for one in map(self._of_the_source, errors(loaded.findings))}.values())
-        also = "; ".join(one.sentence for one in found[1:_MOST_NAMED])
-        more = f" ({len(found) - _MOST_NAMED} more)" if len(found) > _MOST_NAMED else ""
-        return f"{found[0]}" + (f". Also: {also}{more}" if also else "")
+        faults = list({one.sentence: one for one in map(self._of_the_source, errors(loaded.findings))}.values())
+        also = "; ".join(one.sentence for one in faults[1:_MOST_NAMED])
+        more = f" ({len(faults) - _MOST_NAMED} more)" if len(faults) > _MOST_NAMED else ""
+        return f"{faults[0]}" + (f". Also: {also}{more}" if also else "")
 
     def _of_the_source(self, finding: Finding) -> Finding:
         file = finding.file or ""
-        here, own = self.clocks.get(file, ("", ""))
-        column = own if here and finding.column == here else finding.column
+        clock_column, source_column = self.clocks.get(file, ("", ""))
+        column = source_column if clock_column and finding.column == clock_column else finding.column
         return replace(finding, file=self.origins.get(file, finding.file), column=column)
 
 
@@ -193,12 +193,12 @@ def table_named(tables: Sequence[SourceTable], pattern: str, section: str) -> So
     names = [table.name for table in tables]
     if pattern in names:
         return tables[names.index(pattern)]
-    found = [table for table in tables if fits(table.name, pattern)]
-    if len(found) == 1:
-        return found[0]
-    if found:
+    matches = [table for table in tables if fits(table.name, pattern)]
+    if len(matches) == 1:
+        return matches[0]
+    if matches:
         raise BadInputError(
-            f"[{section}] file = {pattern!r} means {len(found)} tables: {', '.join(t.name for t in found[:10])}; "
+            f"[{section}] file = {pattern!r} means {len(matches)} tables: {', '.join(t.name for t in matches[:10])}; "
             "expected one"
         )
     near = did_you_mean(pattern, names)
@@ -409,11 +409,11 @@ def _rows(times: Times, keep: np.ndarray) -> Times:
 
 def _with_times_of(table: SourceTable, sensor: MappedSensor) -> MappedSensor:
     """Return the sensor as read from a table of two, whose column of times may have a name of its own."""
-    own = time_columns(table)
-    if own is None or not set(sensor.time_columns).isdisjoint((*table.columns, ROW_NUMBER)):
+    columns = time_columns(table)
+    if columns is None or not set(sensor.time_columns).isdisjoint((*table.columns, ROW_NUMBER)):
         return sensor
-    time = own[0] if len(own) == 1 else (own[0], own[1])
-    return replace(sensor, reading=sensor.reading.model_copy(update={"time": time, **time_unit(table, own)}))
+    time = columns[0] if len(columns) == 1 else (columns[0], columns[1])
+    return replace(sensor, reading=sensor.reading.model_copy(update={"time": time, **time_unit(table, columns)}))
 
 
 def _merged_imu(sensor: MappedSensor, gyro: SourceTable, accel: SourceTable) -> _Part:
@@ -445,11 +445,11 @@ def _merged_imu(sensor: MappedSensor, gyro: SourceTable, accel: SourceTable) -> 
     common = t[faster][kept]
     columns = {}
     keys = {key: value for key, value in sensor.keys.items() if key not in ("gyro_unit", "accel_unit")}
-    for i, (prefix, (_, values, own)) in enumerate(zip(("gyro", "accel"), streams, strict=True)):
+    for i, (prefix, (_, values, stream_keys)) in enumerate(zip(("gyro", "accel"), streams, strict=True)):
         for name, column in values.items():
             columns[f"{prefix}_{name}"] = column[kept] if i == faster else np.interp(common, t[i], column)
         keys[prefix] = [f"{prefix}_{name}" for name in values]
-        keys |= {key: value for key, value in own.items() if value is not None}
+        keys |= {key: value for key, value in stream_keys.items() if value is not None}
     assumed = tuple(note for times in clocks for note in times.notes)
     merged = Times.after(zero, common, clocks[faster].zone, assumed)
     return _Part(sensor, merged, columns, keys, notes=tuple(notes))

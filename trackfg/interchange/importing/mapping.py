@@ -94,8 +94,8 @@ class MappedSensor:
     @property
     def notation(self) -> TimeNotation:
         """How its times are written."""
-        own = self.reading
-        return TimeNotation(own.time_unit, own.time_format, own.time_zone, own.tick_s, own.wraps_at)
+        reading = self.reading
+        return TimeNotation(reading.time_unit, reading.time_format, reading.time_zone, reading.tick_s, reading.wraps_at)
 
 
 @dataclass(frozen=True)

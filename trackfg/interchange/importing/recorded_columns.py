@@ -50,8 +50,8 @@ def in_recorded_units(
         unit = keys.get(unit_key)
         if not isinstance(unit, str):  # the description refuses anything else
             continue
-        known, factor = _recorded(sensor, unit_key, quantity, times)
-        keys[unit_key] = known
+        unit_name, factor = _recorded(sensor, unit_key, quantity, times)
+        keys[unit_key] = unit_name
         value = sensor.keys.get(key)
         names = (str(name) for name in (value if isinstance(value, list | tuple) else [value]))
         if factor != 1.0:

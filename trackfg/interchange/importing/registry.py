@@ -43,7 +43,7 @@ _OWN: tuple[type[SourceFormat], ...] = (
 def source_formats() -> dict[str, SourceFormat]:
     """Return the formats by name: those of other packages first, so that they can be more particular."""
     others = [point.load()() for point in entry_points(group=ENTRY_POINT)]
-    return {form.key: form for form in (*others, *(own() for own in _OWN))}
+    return {form.key: form for form in (*others, *(make() for make in _OWN))}
 
 
 def source_format(path: Path, name: str | None = None) -> SourceFormat:
@@ -52,8 +52,8 @@ def source_format(path: Path, name: str | None = None) -> SourceFormat:
     Raises :class:`BadInputError` where there is none of that name, no such file or a pipe, where the source is a
     recording of trackfg, and where nothing recognises it.
     """
-    known = source_formats()
-    named = None if name is None else by_name(known, name)
+    formats = source_formats()
+    named = None if name is None else by_name(formats, name)
     if not path.exists():
         raise BadInputError(f"{path}: no such file or folder")
     if not path.is_file() and not path.is_dir():
@@ -66,12 +66,12 @@ def source_format(path: Path, name: str | None = None) -> SourceFormat:
             f"{path}: is a trackfg recording; expected one of another system. Hint: trackfg check and smooth take it "
             "as it is; --from text imports its tables anew, without what recording.toml says of them"
         )
-    found = next((form for form in known.values() if form.recognises(path)), None)
-    if (found is None or path.suffix.casefold() in TEXT_SUFFIXES) and (unread := unread_format(path)) is not None:
+    candidate = next((form for form in formats.values() if form.recognises(path)), None)
+    if (candidate is None or path.suffix.casefold() in TEXT_SUFFIXES) and (unread := unread_format(path)) is not None:
         raise BadInputError(unread)
-    if found is not None:
-        return found
+    if candidate is not None:
+        return candidate
     if kind is not None:
-        raise BadInputError(f"{path}: is a trackfg {kind}; expected a source of one of {', '.join(known)}")
+        raise BadInputError(f"{path}: is a trackfg {kind}; expected a source of one of {', '.join(formats)}")
     hint = "Hint: trackfg import and init take its name with --from"
-    raise BadInputError(f"{path}: of no known format; expected one of {', '.join(known)}. {hint}")
+    raise BadInputError(f"{path}: of no known format; expected one of {', '.join(formats)}. {hint}")

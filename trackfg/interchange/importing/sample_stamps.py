@@ -41,8 +41,8 @@ def repeated_rows(t: Array, frame: pd.DataFrame) -> np.ndarray | None:
     again = np.flatnonzero(np.diff(t) == 0.0) + 1
     if not 0 < again.size < _DISPLACED * t.size:
         return None
-    before, these = (frame.iloc[rows].reset_index(drop=True) for rows in (again - 1, again))
-    same = ((these == before) | (these.isna() & before.isna())).all(axis=1).to_numpy(dtype=bool, na_value=False)
+    previous, these = (frame.iloc[rows].reset_index(drop=True) for rows in (again - 1, again))
+    same = ((these == previous) | (these.isna() & previous.isna())).all(axis=1).to_numpy(dtype=bool, na_value=False)
     twice = np.zeros(t.size, dtype=bool)
     twice[again[same]] = True
     return twice if same.any() else None

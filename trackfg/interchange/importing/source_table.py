@@ -51,9 +51,9 @@ class SourceTable:
             if name == ROW_NUMBER:
                 return pd.Series(np.arange(len(self.frame)))
             near = did_you_mean(name, self.columns)
-            known = ", ".join(self.columns[:30])
+            names = ", ".join(self.columns[:30])
             raise BadInputError(
-                f"{self.name}: no column {name!r}; expected one of {known}" + (f". Hint: {near}" if near else "")
+                f"{self.name}: no column {name!r}; expected one of {names}" + (f". Hint: {near}" if near else "")
             )
         return self.frame[name]
 

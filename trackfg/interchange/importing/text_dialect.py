@@ -240,8 +240,8 @@ def _delimiter(lines: list[str]) -> str:
 
 def _plain_share(rows: list[list[str]], width: int) -> float:
     """Return the share of cells that are a number, a time or a place as a whole, a little for any other text."""
-    found = [1.0 if _is_value(cell) else 0.3 for row in rows if len(row) == width for cell in row]
-    return sum(found) / len(found) if found else 0.0
+    shares = [1.0 if _is_value(cell) else 0.3 for row in rows if len(row) == width for cell in row]
+    return sum(shares) / len(shares) if shares else 0.0
 
 
 def _is_value(cell: str) -> bool:

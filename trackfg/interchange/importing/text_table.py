@@ -179,11 +179,11 @@ def _fault(path: Path, dialect: Dialect, error: Exception) -> str:
         with path.open(encoding=dialect.encoding, newline="") as stream:
             for number, line in enumerate(stream, start=1):
                 if number >= dialect.first_row and line.strip():
-                    found = len(cells(line.rstrip("\r\n"), dialect.delimiter))
-                    if found != width and not is_remark(line.rstrip("\r\n"), dialect.delimiter):
-                        cut = found < width and not any(later.strip() for later in stream)
+                    count = len(cells(line.rstrip("\r\n"), dialect.delimiter))
+                    if count != width and not is_remark(line.rstrip("\r\n"), dialect.delimiter):
+                        cut = count < width and not any(later.strip() for later in stream)
                         hint = ". Hint: it is the last row: where the file was cut off, delete it to read the rest"
-                        several = "1 cell" if found == 1 else f"{found} cells"
+                        several = "1 cell" if count == 1 else f"{count} cells"
                         return (
                             f"{path.name}: row {number} has {several}; expected {width}, as in the others"
                             f"{hint if cut else ''}"

@@ -154,12 +154,12 @@ _DAY = re.compile(r"\b(?P<y>20\d\d)-(?P<m>\d\d)-(?P<d>\d\d)\b|\b(?P<D>\d{1,2})\.
 
 def stated_day(remarks: Iterable[str]) -> date | None:
     """Return the one date that remarks above tables state; None without any, or with several."""
-    found = set()
+    dates = set()
     for match in (match for text in remarks for match in _DAY.finditer(text)):
         year, month, day = (int(match[a] or match[b]) for a, b in ("yY", "mM", "dD"))
         with contextlib.suppress(ValueError):
-            found.add(date(year, month, day))
-    return found.pop() if len(found) == 1 else None
+            dates.add(date(year, month, day))
+    return dates.pop() if len(dates) == 1 else None
 
 
 def read_times(table: SourceTable, columns: tuple[str, ...], notation: TimeNotation) -> Times:

@@ -78,7 +78,7 @@ def unread_format(path: Path) -> str | None:
     except OSError:
         return None
     by_content = [(name, hint) for pattern, name, hint in _BY_CONTENT if pattern.match(head)]
-    by_suffix = [known for suffixes, known in _BY_SUFFIX.items() if path.suffix.casefold() in suffixes]
+    by_suffix = [advice for suffixes, advice in _BY_SUFFIX.items() if path.suffix.casefold() in suffixes]
     for name, hint in (*by_content, *by_suffix):
         return f"{path}: is {name}, which is not read; expected a format that is. Hint: {hint}"
     return None

@@ -117,26 +117,26 @@ def _child(parent: Any, tag: str, text: str | None = None, **attributes: str) ->
 def _elements(curves: list[Curve], start: float, end: float) -> list[_Element]:
     """Return the elements between two chainages; what lies beyond an end of the profile is cut off there."""
     elements: list[_Element] = []
-    at, before = start, None
+    at, previous = start, None
     for curve in curves:
         begin, stop = max(np.nan_to_num(curve.bcc_m, nan=start), start), min(np.nan_to_num(curve.ecc_m, nan=end), end)
         curvature, cant = curve.curvature_1pm, curve.cant_mm * -np.sign(curve.curvature_1pm)
         # Curves whose ends are not known (NaN) are joined, too.
-        if before is not None and not curve.btc_m > before.etc_m + _SHORTEST_M:
+        if previous is not None and not curve.btc_m > previous.etc_m + _SHORTEST_M:
             last = elements[-1]
             elements.append(_Element(begin - at, last.end, curvature, last.end_cant_mm, cant, _law(curve.law_in)))
         else:
-            if before is not None:
-                elements.append(_exit(before, at))
+            if previous is not None:
+                elements.append(_exit(previous, at))
                 at += elements[-1].length_m
             straight = np.nan_to_num(curve.btc_m, nan=at)
             elements.append(_Element(max(straight - at, 0.0), 0.0, 0.0, 0.0, 0.0))
             at = max(straight, at)
             elements.append(_Element(begin - at, 0.0, curvature, 0.0, cant, _law(curve.law_in)))
         elements.append(_Element(stop - begin, curvature, curvature, cant, cant))
-        at, before = stop, curve
-    if before is not None and at < end:
-        elements.append(_exit(before, at))
+        at, previous = stop, curve
+    if previous is not None and at < end:
+        elements.append(_exit(previous, at))
         at += elements[-1].length_m
     elements.append(_Element(end - at, 0.0, 0.0, 0.0, 0.0))
     return [element for element in elements if element.length_m > _SHORTEST_M]
@@ -149,7 +149,7 @@ def _exit(curve: Curve, at: float) -> _Element:
 
 
 def _law(law: str) -> TransitionLaw:
-    return next((known for known in LAWS if known == law), "clothoid")
+    return next((transition for transition in LAWS if transition == law), "clothoid")
 
 
 def _headings(element: _Element, x: Array) -> Array:

@@ -153,18 +153,18 @@ def _conventions(
 ) -> GeometryConventions:
     base, anchor = reading.twist_base_m, reading.twist_anchor
     if "twist_mm" in columns and "cross_level_mm" in columns and (base is None or anchor is None):
-        found = identified_base(columns["cross_level_mm"], columns["twist_mm"], step)
-        if found is None:
+        fit = identified_base(columns["cross_level_mm"], columns["twist_mm"], step)
+        if fit is None:
             message = "the recorded twist is not that of the recorded cross-level over any base up to 20 m"
             hint = "state geometry.twist_base_m and twist_anchor in the mapping, or leave the channel out"
             findings.append(Finding("warning", "twist-of-no-base", message, hint=hint))
         else:
-            base, anchor = base or found.base_m, anchor or found.anchor
-            columns["twist_mm"] = found.sign * columns["twist_mm"]
-            where = {"behind": "behind", "centre": "around", "ahead": "ahead of"}[found.anchor]
+            base, anchor = base or fit.base_m, anchor or fit.anchor
+            columns["twist_mm"] = fit.sign * columns["twist_mm"]
+            where = {"behind": "behind", "centre": "around", "ahead": "ahead of"}[fit.anchor]
             message = (
-                f"the recorded twist is {'' if found.sign == 1 else 'minus '}that of the recorded cross-level over "
-                f"{found.base_m:g} m {where} its place, to {found.left_mm:.3f} mm rms"
+                f"the recorded twist is {'' if fit.sign == 1 else 'minus '}that of the recorded cross-level over "
+                f"{fit.base_m:g} m {where} its place, to {fit.left_mm:.3f} mm rms"
             )
             findings.append(Finding("info", "twist-base", message))
     return GeometryConventions(

@@ -58,8 +58,8 @@ class Places:
         even = np.diff(x) / apart
         if abs(apart - step) < _ON_GRID * step and np.all(np.abs(even - np.rint(even)) < _ON_GRID):
             grid = np.arange(np.ceil(x[0] / step), np.floor(x[-1] / step) + 1.0) * step
-            after = np.clip(np.searchsorted(x, grid), 1, len(x) - 1)
-            inside = x[after] - x[after - 1] > hole_m
+            upper = np.clip(np.searchsorted(x, grid), 1, len(x) - 1)
+            inside = x[upper] - x[upper - 1] > hole_m
             moved = np.stack([spline_at(x, row_values, grid) for row_values in values])
             return grid, np.where(inside, np.nan, moved), step
         columns = [resample(x, row_values, step, max_hole_m=hole_m) for row_values in values]

@@ -42,13 +42,13 @@ def _place(table: SourceTable) -> tuple[PlaceColumns | None, Bare]:
 
 def _channels(table: SourceTable, place: PlaceColumns) -> dict[str, ChannelReading]:
     """Return the channels by the geometry's column: of two of one column the one that is no deviation, or the first."""
-    found: dict[str, ChannelReading] = {}
+    channels: dict[str, ChannelReading] = {}
     for name in table.columns:
         if name in (place if isinstance(place, tuple) else (place,)):
             continue
         channel = channel_of(name, table.units.get(name, ""))
         if channel is None or channel.column == "chainage_m":
             continue
-        if channel.column not in found or (found[channel.column].deviation and not channel.deviation):
-            found[channel.column] = ChannelReading(name=name, factor=channel.factor, deviation=channel.deviation)
-    return found
+        if channel.column not in channels or (channels[channel.column].deviation and not channel.deviation):
+            channels[channel.column] = ChannelReading(name=name, factor=channel.factor, deviation=channel.deviation)
+    return channels

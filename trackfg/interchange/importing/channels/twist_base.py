@@ -45,7 +45,7 @@ def identified_base(cross_level_mm: Array, twist_mm: Array, step_m: float) -> Tw
             if known.sum() < 2:
                 continue
             sign: Literal[1, -1] = 1 if float(computed[known] @ recorded[known]) >= 0.0 else -1
-            left = float(np.sqrt(np.mean((recorded - sign * computed)[known] ** 2)))
-            if left < _LEFT_OVER * size and (best is None or left < best.left_mm):
-                best = TwistBase(count * step_m, anchor, sign, left)
+            misfit_mm = float(np.sqrt(np.mean((recorded - sign * computed)[known] ** 2)))
+            if misfit_mm < _LEFT_OVER * size and (best is None or misfit_mm < best.left_mm):
+                best = TwistBase(count * step_m, anchor, sign, misfit_mm)
     return best

@@ -35,8 +35,8 @@ _FIRST_WEEK, _LAST_WEEK = 960, 4000
 
 def with_whole_dates(table: SourceTable) -> SourceTable:
     """Return a table with the column :data:`COMPOSED` where it has all parts of a date, else the table as it is."""
-    found = (read(table) for read in (_of_the_week, _of_the_calendar, _of_digits))
-    ns = next((ns for ns in found if ns is not None), None)
+    readings = (read(table) for read in (_of_the_week, _of_the_calendar, _of_digits))
+    ns = next((ns for ns in readings if ns is not None), None)
     if ns is None:
         return table
     return replace(table, frame=table.frame.assign(**{COMPOSED: ns}), units={**table.units, COMPOSED: "ns"})
@@ -111,15 +111,15 @@ def _of_digits(table: SourceTable) -> np.ndarray | None:
         return None
     width = 6 if written.max() < 1_000_000 else 8
     text = written.astype(str).str.zfill(width)
-    found = []
+    candidates = []
     for order in _ORDERS:
         if len(pd.Timestamp(2026, 1, 1).strftime(order)) == width:
             dates = pd.to_datetime(text, format=order, errors="coerce")
             if dates.notna().all() and dates.between(pd.Timestamp(_OLDEST_YEAR, 1, 1), pd.Timestamp.now()).all():
-                found.append(dict(zip(written, dates.astype("datetime64[ns]").astype(np.int64), strict=True)))
-    if len(found) != 1:
+                candidates.append(dict(zip(written, dates.astype("datetime64[ns]").astype(np.int64), strict=True)))
+    if len(candidates) != 1:
         return None
-    ns = np.array([found[0][day] for day in days.astype(np.int64)], dtype=np.int64)
+    ns = np.array([candidates[0][day] for day in days.astype(np.int64)], dtype=np.int64)
     return np.asarray(ns + clock_ns(seconds))
 
 

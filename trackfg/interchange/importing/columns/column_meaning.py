@@ -65,8 +65,8 @@ def full_name(table: SourceTable, name: str) -> str:
 def stem_of(name: str) -> str:
     """Return what the name of a table says of its content: that of its file, or of the folder of a ``data.csv``."""
     parts = [re.sub(r"\.[A-Za-z0-9]{1,8}$", "", part) for part in name.split("/")]
-    said = [part for part in parts if not _SAYS_NOTHING.fullmatch(part)]
-    return said[-1] if said else parts[-1]
+    words = [part for part in parts if not _SAYS_NOTHING.fullmatch(part)]
+    return words[-1] if words else parts[-1]
 
 
 def kind_in(table: SourceTable, name: str) -> str | None:
@@ -100,13 +100,13 @@ def _holds_places(column: pd.Series) -> bool:
 
 def triples(table: SourceTable, kind: InertialKind) -> list[Triple]:
     """Return the triples of columns of one kind, by name or else by unit, with equal names but for the axis."""
-    found: dict[str, dict[str, str]] = {}
+    groups: dict[str, dict[str, str]] = {}
     for name in table.columns:
         axis, rest = axis_and_rest(full_name(table, name), _stated_unit(table, name))
         if axis and kind == kind_in(table, name) and pd.api.types.is_numeric_dtype(table.frame[name]):
-            found.setdefault(rest, {})[axis] = name
+            groups.setdefault(rest, {})[axis] = name
     out = []
-    for axes in found.values():
+    for axes in groups.values():
         if len(axes) == 3:
             columns = (axes["x"], axes["y"], axes["z"])
             out.append(Triple(table, columns, *_unit(table, columns, kind)))

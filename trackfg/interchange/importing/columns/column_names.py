@@ -135,9 +135,9 @@ def axis_and_rest(name: str, unit: str = "") -> tuple[str | None, str]:
 
 def _axis_and_rest(name: str) -> tuple[str | None, str]:
     folded = name.casefold()
-    found = [next(filter(None, match)) for match in _AXIS.findall(name)]
-    if found:
-        axis = found[-1].casefold()
+    axes = [next(filter(None, match)) for match in _AXIS.findall(name)]
+    if axes:
+        axis = axes[-1].casefold()
         return axis, "".join(sorted(folded.replace(axis, "", 1)))
     for axis, words in _NAMED_AXIS.items():
         if words.search(folded):

@@ -139,8 +139,8 @@ def recorded_unit(
     factor = factor_of(text, quantity)
     if factor is None:
         return None
-    known, name = known_units(quantity), usual_name(text, quantity)
-    return (str(name), 1.0) if name in known else (known[0], factor)
+    units, name = known_units(quantity), usual_name(text, quantity)
+    return (str(name), 1.0) if name in units else (units[0], factor)
 
 
 def usual_name(text: str, quantity: Quantity) -> str | None:
@@ -148,8 +148,8 @@ def usual_name(text: str, quantity: Quantity) -> str | None:
     factor = factor_of(text, quantity)
     if factor is None or quantity in ("time", "angle"):
         return None if factor is None else text
-    known = known_units(quantity)
-    return next((unit for unit in known if math.isclose(to_si(quantity, unit), factor, rel_tol=1e-12)), text)
+    units = known_units(quantity)
+    return next((unit for unit in units if math.isclose(to_si(quantity, unit), factor, rel_tol=1e-12)), text)
 
 
 def unit_in(text: str, quantity: Quantity) -> str | None:
@@ -158,7 +158,7 @@ def unit_in(text: str, quantity: Quantity) -> str | None:
         return usual_name(text.strip(), quantity)
     words = [word for word in re.split(r"[\s_()\[\],;:]+", text) if word]
     ends = ["".join(words[-2:]), *words[::-1]] if len(words) > 1 else []
-    found = next((word for word in ends if factor_of(word, quantity) is not None), None)
-    if found is None and (match := re.search(r"(?<=[a-z])_?(kmh|kph|mph|mps|dps)$", text.casefold())):
-        found = match[1]
-    return None if found is None else usual_name(found, quantity)
+    unit = next((word for word in ends if factor_of(word, quantity) is not None), None)
+    if unit is None and (match := re.search(r"(?<=[a-z])_?(kmh|kph|mph|mps|dps)$", text.casefold())):
+        unit = match[1]
+    return None if unit is None else usual_name(unit, quantity)

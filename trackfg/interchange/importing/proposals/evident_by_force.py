@@ -169,14 +169,14 @@ def _rescale(proposal: Proposal, key: str, slope: float, reason: str) -> bool:
         return False
     part = proposal.sections[section]
     quantity, units = _candidates(key, part)
-    before = part[name]
-    now = factor_of(before, quantity)
+    old_unit = part[name]
+    now = factor_of(old_unit, quantity)
     assert now is not None
-    off = {unit: abs(math.log((factor_of(unit, quantity) or now) / now / slope)) for unit in (before, *units)}
+    off = {unit: abs(math.log((factor_of(unit, quantity) or now) / now / slope)) for unit in (old_unit, *units)}
     unit = min(off, key=lambda unit: off[unit])
     if off[unit] > math.log(_FITS):
         return False
     del proposal.assumed[key]
     proposal.reasons[key] = f"{reason} in {unit}"
     part[name] = unit
-    return bool(unit != before)
+    return bool(unit != old_unit)

@@ -61,22 +61,22 @@ def _not_found(lacking: str, tables: Sequence[SourceTable]) -> str:
 
 def _chosen(tables: Sequence[SourceTable], kind: InertialKind, ask: Ask, beside: Triple | None = None) -> Triple | None:
     """Return the columns of a kind: of several sensors the one whose names are most like those ``beside``, or asked."""
-    found = [triple for table in tables for triple in triples(table, kind)]
-    rows = [triple.values().shape[1] for triple in found]
-    found = [triple for triple, n in zip(found, rows, strict=True) if n > _SLOW_COPY * max(rows)]
+    candidates = [triple for table in tables for triple in triples(table, kind)]
+    rows = [triple.values().shape[1] for triple in candidates]
+    candidates = [triple for triple, n in zip(candidates, rows, strict=True) if n > _SLOW_COPY * max(rows)]
     if kind == "accel":
-        found = [triple for triple in found if triple.known and has_gravity(triple)] or found
-    if len(found) > 1 and beside is not None:
-        alike = [_likeness(triple, beside) for triple in found]
-        found = [triple for triple, value in zip(found, alike, strict=True) if value == max(alike)]
-    if len(found) < 2:
-        return next(iter(found), None)
-    names = [f"{triple.table.name}:{triple.columns[0]}" for triple in found]
-    same = {triple.table.name for triple in found}
-    names = [triple.columns[0] for triple in found] if len(same) == 1 else names
+        candidates = [triple for triple in candidates if triple.known and has_gravity(triple)] or candidates
+    if len(candidates) > 1 and beside is not None:
+        alike = [_likeness(triple, beside) for triple in candidates]
+        candidates = [triple for triple, value in zip(candidates, alike, strict=True) if value == max(alike)]
+    if len(candidates) < 2:
+        return next(iter(candidates), None)
+    names = [f"{triple.table.name}:{triple.columns[0]}" for triple in candidates]
+    same = {triple.table.name for triple in candidates}
+    names = [triple.columns[0] for triple in candidates] if len(same) == 1 else names
     sensor = "gyro" if kind == "gyro" else "accelerometer"
     question = Question(f"imu.{kind}", f"Which {sensor} is to be used (its x axis)?", names[0], tuple(names))
-    return found[names.index(ask(question))]
+    return candidates[names.index(ask(question))]
 
 
 def _likeness(triple: Triple, other: Triple) -> tuple[bool, int]:
@@ -90,8 +90,8 @@ def _same_rows(gyro: Triple, accel: Triple) -> bool:
     """Return whether both are in the same rows of one table."""
     if gyro.table.name != accel.table.name:
         return False
-    there = [np.isfinite(triple.table.numbers(triple.columns[0])) for triple in (gyro, accel)]
-    return bool((there[0] & there[1]).sum() >= _SLOW_COPY * min(there[0].sum(), there[1].sum()))
+    finite = [np.isfinite(triple.table.numbers(triple.columns[0])) for triple in (gyro, accel)]
+    return bool((finite[0] & finite[1]).sum() >= _SLOW_COPY * min(finite[0].sum(), finite[1].sum()))
 
 
 def _unit(proposal: Proposal, triple: Triple, key: str, ask: Ask) -> str:

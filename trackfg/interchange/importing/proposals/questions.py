@@ -108,10 +108,10 @@ class Proposal:
                 "name it in a mapping (docs/importing.md)"
             )
         rate, stalled = stated_rate_hz(table), stalled_times(table)
-        seen = (
+        reason = (
             "has no times" if stalled is None else f"has times, {stalled[0]}, of {stalled[1]} values only in all rows"
         )
-        text = f"Samples per second, since {table.name} {seen}"
+        text = f"Samples per second, since {table.name} {reason}"
         answer = asked_number(ask, "imu.rate_hz", text, "" if rate is None else f"{rate:g}")
         self.reasons["imu.tick_s"] = f"of {answer:g} samples per second"
         return {"time": counter_of(table), "time_unit": "ticks", "tick_s": 1.0 / answer}

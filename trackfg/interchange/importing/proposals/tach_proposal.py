@@ -62,13 +62,13 @@ def _of_falls(proposal: Proposal, table: SourceTable, section: dict[str, Any]) -
     """
     name = section["column"]
     values = table.numbers(name)
-    known = values[np.isfinite(values)]
-    going_on = unwrapped(known)
+    finite = values[np.isfinite(values)]
+    going_on = unwrapped(finite)
     steps = np.diff(going_on)
     moved = steps[steps != 0.0]
     falls, turns = float((moved < 0.0).sum()), float((np.diff(np.sign(moved)) != 0.0).sum())
     in_turn = turns > _TURNS * moved.size
-    if falls > 0.25 * moved.size and known.min() >= 0.0 and (in_turn or _can_be_of_each_row(table, section, going_on)):
+    if falls > 0.25 * moved.size and finite.min() >= 0.0 and (in_turn or _can_be_of_each_row(table, section, going_on)):
         proposal.reasons["tach.increments"] = f"{name} rises and falls, and is never negative"
         return {"increments": True}
     if falls > _FALLS * moved.size and not in_turn:

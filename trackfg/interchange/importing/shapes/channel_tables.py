@@ -75,7 +75,7 @@ def _renamed(table: SourceTable, value: str) -> SourceTable:
 
 def _in_one(parts: list[tuple[str, SourceTable]]) -> SourceTable:
     time, first = parts[0]
-    channels = [table.frame[[name for name in table.columns if name != own]] for own, table in parts]
+    channels = [table.frame[[name for name in table.columns if name != clock]] for clock, table in parts]
     taken = [str(channel.columns[0]) for channel in channels]
     if len(set(taken)) < len(taken):
         channels = [

@@ -73,15 +73,15 @@ def _in_order(tables: list[SourceTable]) -> list[SourceTable] | None:
         return None
     order = sorted(range(len(tables)), key=lambda i: times[i].since(None)[0])
     parts = [tables[order[0]]]
-    for before, after in pairwise(order):
-        end, t = float(times[before].since(None)[-1]), times[after].since(None)
+    for earlier, later in pairwise(order):
+        end, t = float(times[earlier].since(None)[-1]), times[later].since(None)
         again = int(np.searchsorted(t, end, side="right")) if t[0] < end else 0
-        rows, part = tables[before].frame.tail(again), tables[after].frame
-        if (times[before].ns is None) != (times[after].ns is None) or t[0] - end > _PAUSE_S:
+        rows, part = tables[earlier].frame.tail(again), tables[later].frame
+        if (times[earlier].ns is None) != (times[later].ns is None) or t[0] - end > _PAUSE_S:
             return None
         if again and not rows.reset_index(drop=True).equals(part.head(again).reset_index(drop=True)):
             return None
-        parts.append(replace(tables[after], frame=part.iloc[again:]))
+        parts.append(replace(tables[later], frame=part.iloc[again:]))
     return parts
 
 

@@ -42,7 +42,7 @@ def wide_tables(table: SourceTable, time: str | None) -> list[SourceTable]:
     units = {} if unit is None else rows.drop_duplicates(signal).set_index(signal)[unit].dropna().to_dict()
     made: list[tuple[np.ndarray, dict[str, np.ndarray]]] = []
     for name, t, values in zip(names, np.split(times, ends), np.split(numbers[order], ends), strict=True):
-        same = next((columns for before, columns in made if np.array_equal(before, t)), None)
+        same = next((columns for row_times, columns in made if np.array_equal(row_times, t)), None)
         if same is None:
             made.append((t, {str(name): values}))
         else:

@@ -54,12 +54,12 @@ def _stand_ins(column: pd.Series) -> list[float]:
     if low not in _STAND_INS and high not in _STAND_INS:
         return []
     values = column.to_numpy(dtype=np.float64, na_value=np.nan)
-    found = []
+    extremes = []
     for end in (low, high):
         others = values[np.isfinite(values) & (values != end)]
         if end not in _STAND_INS or not others.size or (values == end).sum() < _LEAST:
             continue
         alone = end < 0.0 <= float(others.min()) and end == np.floor(end)
         if alone or abs(end) > _BEYOND * float(np.abs(others).max()):
-            found.append(end)
-    return found
+            extremes.append(end)
+    return extremes

@@ -71,10 +71,10 @@ def read_tagged(path: Path, delimiter: str) -> Sequence[SourceTable]:
     for tag, kind in kinds.items():
         if kind.lines > 1:
             names, units = _names(tag, delimiter, kind.width, remarks)
-            name, said = f"{path.name}/{tag}", "".join(remarks)
+            name, remark = f"{path.name}/{tag}", "".join(remarks)
             note = f"{name}: {kind.left_out} lines with other than {kind.width} cells are left out"
             frame, notes = kind.frame(delimiter, names), (note,) if kind.left_out else ()
-            tables.append(SourceTable(name, frame, units, kind.first_row, remarks=said, notes=notes))
+            tables.append(SourceTable(name, frame, units, kind.first_row, remarks=remark, notes=notes))
     return tables
 
 

@@ -52,8 +52,8 @@ def _arrow_columns(path: Path) -> Iterator[tuple[str, pa.ChunkedArray]]:
         if path.suffix.casefold() in (".parquet", ".pq"):
             with pa.parquet.ParquetFile(path) as file:
                 for name in file.schema_arrow.names:
-                    found = file.read(columns=[name], use_threads=False)
-                    yield name, found.column(found.schema.get_all_field_indices(name)[-1])  # the last of that name
+                    part = file.read(columns=[name], use_threads=False)
+                    yield name, part.column(part.schema.get_all_field_indices(name)[-1])  # the last of that name
         else:
             table = pa.feather.read_table(path, use_threads=False)  # mapped into memory, unless it is compressed
             yield from zip(table.column_names, table.columns, strict=True)

@@ -83,9 +83,9 @@ def _read(path: Path, parts_of: Callable[[Any, Any], Iterator[Part]]) -> list[Pa
 
 def _all_of(kind: type, file: Any) -> list[Any]:
     """Return the groups or datasets of a file, at any depth."""
-    found: list[Any] = []
-    file.visititems(lambda _, item: found.append(item) if isinstance(item, kind) else None)
-    return found
+    items: list[Any] = []
+    file.visititems(lambda _, item: items.append(item) if isinstance(item, kind) else None)
+    return items
 
 
 def _plain(name: str) -> str:
@@ -96,13 +96,13 @@ def _plain(name: str) -> str:
 def _data_sources(h5py: Any, file: Any) -> Iterator[SourceTable]:
     """Find the groups with an array ``timestamp`` and groups with an array ``data``."""
     for group in _all_of(h5py.Group, file):
-        own = {_plain(name).casefold(): item for name, item in group.items()}
-        times = own.get("timestamp")
+        members = {_plain(name).casefold(): item for name, item in group.items()}
+        times = members.get("timestamp")
         if not isinstance(times, h5py.Dataset) or times.ndim != 1 or not len(times):
             continue
         columns: dict[str, Any] = {"timestamp": times[()].astype(np.int64)}
         units: dict[str, str] = {}
-        for name, item in _channels(h5py, own):
+        for name, item in _channels(h5py, members):
             data = item if isinstance(item, h5py.Dataset) else _data(h5py, item)
             if name == "timestamp" or data is None or data.shape != times.shape or data.dtype.kind not in "iufb":
                 continue
@@ -144,9 +144,9 @@ def _placed(tables: Sequence[SourceTable]) -> list[SourceTable]:
     return list(tables)
 
 
-def _channels(h5py: Any, own: dict[str, Any]) -> Iterator[tuple[str, Any]]:
+def _channels(h5py: Any, members: dict[str, Any]) -> Iterator[tuple[str, Any]]:
     """Yield the members of a data source by name; of the positions' channel the arrays that it holds itself."""
-    for name, item in own.items():
+    for name, item in members.items():
         if isinstance(item, h5py.Group) and _data(h5py, item) is None:
             yield from ((_plain(part).casefold(), array) for part, array in item.items())
         else:
@@ -157,16 +157,16 @@ def _data(h5py: Any, item: Any) -> Any:
     """Return the array ``data`` of a channel's group; None where it has none."""
     if not isinstance(item, h5py.Group):
         return None
-    found = [value for name, value in item.items() if _plain(name).casefold() == "data"]
-    return found[0] if found and isinstance(found[0], h5py.Dataset) else None
+    arrays = [value for name, value in item.items() if _plain(name).casefold() == "data"]
+    return arrays[0] if arrays and isinstance(arrays[0], h5py.Dataset) else None
 
 
 def _compound_tables(h5py: Any, file: Any) -> Iterator[SourceTable]:
     for dataset in _all_of(h5py.Dataset, file):
         if dataset.dtype.names and len(dataset):
             values = dataset[()]
-            found = ((name, column_of(values[name])) for name in dataset.dtype.names)
-            columns = {name: column for name, column in found if column is not None}
+            pairs = ((name, column_of(values[name])) for name in dataset.dtype.names)
+            columns = {name: column for name, column in pairs if column is not None}
             if holds_numbers(columns):
                 yield SourceTable(dataset.name.lstrip("/"), pd.DataFrame(columns))
 

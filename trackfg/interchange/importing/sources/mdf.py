@@ -109,8 +109,8 @@ def _groups(file: Any) -> Iterator[SourceTable]:
 def _group(file: Any, index: int) -> tuple[pd.DataFrame, dict[str, str]]:
     """Return the channels of numbers or text of a group, the time first, and their units."""
     whole = file.get_group(index, time_from_zero=False)
-    found = ((str(name), column_of(values.to_numpy())) for name, values in whole.items())
-    columns = {name: cells for name, cells in found if cells is not None}
+    pairs = ((str(name), column_of(values.to_numpy())) for name, values in whole.items())
+    columns = {name: cells for name, cells in pairs if cells is not None}
     if not columns:
         return pd.DataFrame(), {}
     units = {channel.name: channel.unit or "" for channel in file.groups[index].channels}

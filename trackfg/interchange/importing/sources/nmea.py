@@ -115,11 +115,11 @@ class NmeaEpochs:
         t = np.array([(at - times[0]).total_seconds() for at in times])
         places = np.array([position.place for position in positions])
         across = geodesy.geodetic_to_enu(places, places[0])[:, :2]
-        after, before = (
+        following, preceding = (
             np.array([self._untimed.get(position.epoch - earlier, np.nan) for position in positions])
             for earlier in (0, 1)
         )
-        speeds = before if _misfit(t, across, before) < _misfit(t, across, after) else after
+        speeds = preceding if _misfit(t, across, preceding) < _misfit(t, across, following) else following
         return list(speeds)
 
 

@@ -168,8 +168,8 @@ def _parts(times: SourceTable | None) -> tuple[np.ndarray, np.ndarray] | None:
     if times is None or not {"event", "experiment time", "system time"} <= set(times.columns):
         return None
     begins = (times.column("event") == "START").to_numpy(dtype=bool)
-    own, system = times.numbers("experiment time")[begins], times.numbers("system time")[begins]
-    return (own, np.round(system * 1e3).astype(np.int64) * 1_000_000) if begins.any() else None
+    elapsed, system = times.numbers("experiment time")[begins], times.numbers("system time")[begins]
+    return (elapsed, np.round(system * 1e3).astype(np.int64) * 1_000_000) if begins.any() else None
 
 
 def _on_calendar(table: SourceTable, parts: tuple[np.ndarray, np.ndarray] | None) -> SourceTable:
@@ -241,8 +241,8 @@ def _turned_round(accel: SourceTable) -> SourceTable:
 
 def _with_gravity(free: SourceTable, gravity: SourceTable) -> SourceTable:
     """Return the sum of an acceleration without gravity and gravity, which the phone samples on one clock."""
-    t, own = free.numbers("time"), gravity.numbers("time")
-    total = {axis: free.numbers(axis) + np.interp(t, own, gravity.numbers(axis)) for axis in "xyz"}
+    t, gravity_t = free.numbers("time"), gravity.numbers("time")
+    total = {axis: free.numbers(axis) + np.interp(t, gravity_t, gravity.numbers(axis)) for axis in "xyz"}
     return replace(free, name="TotalAcceleration.csv", frame=free.frame.assign(**total))
 
 

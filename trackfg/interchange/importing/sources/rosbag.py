@@ -162,5 +162,5 @@ def _usable(table: SourceTable, of_receiver: bool) -> SourceTable:
 
 
 def _longest(tables: Sequence[SourceTable], columns: Sequence[str]) -> SourceTable | None:
-    found = [table for table in tables if set(columns) <= set(table.columns)]
-    return max(found, key=lambda table: len(table.frame), default=None)
+    candidates = [table for table in tables if set(columns) <= set(table.columns)]
+    return max(candidates, key=lambda table: len(table.frame), default=None)

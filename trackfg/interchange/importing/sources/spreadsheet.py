@@ -28,10 +28,10 @@ def read_spreadsheet(path: Path) -> list[SourceTable]:
     """
     with readable(path, f"a spreadsheet ({path.suffix})"):
         sheets = _rows_of_xls(path) if path.suffix.casefold() == ".xls" else _rows_of_xlsx(path)
-    found = [table for title, rows in sheets.items() if (table := _table(rows, f"{path.name}/{title}")) is not None]
-    if not found:
+    tables = [table for title, rows in sheets.items() if (table := _table(rows, f"{path.name}/{title}")) is not None]
+    if not tables:
         raise BadInputError(f"{path.name}: no sheet has a header and rows below it; expected one")
-    return [replace(found[0], name=path.name)] if len(found) == 1 else found
+    return [replace(tables[0], name=path.name)] if len(tables) == 1 else tables
 
 
 def _rows_of_xlsx(path: Path) -> dict[str, list[list[Any]]]:

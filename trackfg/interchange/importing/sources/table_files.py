@@ -77,11 +77,11 @@ def read_table_files(
         suffix = _content_suffix(file)
         if suffix in TABLE_SUFFIXES or suffix in GNSS_LOGS or single:
             try:
-                found = _read(_decompressed(file, scratch), suffix, dialect_for)
+                parts = _read(_decompressed(file, scratch), suffix, dialect_for)
             except NoRowsError as error:
                 rowless[name] = error
                 continue
-            tables += [replace(table, name=_renamed(table.name, file, name)) for table in found]
+            tables += [replace(table, name=_renamed(table.name, file, name)) for table in parts]
     tables, alone = without_rowless_parts(tables, list(rowless))
     if alone:
         raise rowless[alone[0]]
@@ -91,8 +91,8 @@ def read_table_files(
 
 def _renamed(table: str, file: Path, name: str) -> str:
     """Return a table's name with the name of its file in the source, which a folder of a zip may come before."""
-    own = file.name.removesuffix(file.suffix) if file.suffix.casefold() in _OPENERS else file.name
-    return name.removesuffix(file.name) + own + table.removeprefix(own) if table.startswith(own) else table
+    stem = file.name.removesuffix(file.suffix) if file.suffix.casefold() in _OPENERS else file.name
+    return name.removesuffix(file.name) + stem + table.removeprefix(stem) if table.startswith(stem) else table
 
 
 def _read(file: Path, suffix: str, dialect_for: DialectFor) -> list[SourceTable]:

@@ -53,8 +53,10 @@ def _group(group: Any) -> list[SourceTable]:
     tables = []
     for rows, columns in by_length.items():
         name = group.name if len(by_length) == 1 else f"{group.name}/{rows} rows"
-        own = times.get(rows, {})
-        tables.append(SourceTable(name, pd.DataFrame({**own, **columns}), {"time_s": "s", "time_ns": "ns", **units}))
+        time_columns = times.get(rows, {})
+        tables.append(
+            SourceTable(name, pd.DataFrame({**time_columns, **columns}), {"time_s": "s", "time_ns": "ns", **units})
+        )
     return tables
 
 

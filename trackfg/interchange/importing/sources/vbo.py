@@ -96,10 +96,10 @@ def _sections(head: str) -> dict[str, list[str]]:
 def _rows(path: Path, text: str, names: list[str], first_row: int) -> pd.DataFrame:
     lines = text.splitlines()
     for number, line in enumerate(lines):
-        found = len(line.split())
-        if found not in (0, len(names)):
+        count = len(line.split())
+        if count not in (0, len(names)):
             row = first_row + number
-            raise BadInputError(f"{path.name}: row {row} has {found} cells; expected {len(names)}, as [column names]")
+            raise BadInputError(f"{path.name}: row {row} has {count} cells; expected {len(names)}, as [column names]")
     try:
         frame = pd.read_csv(io.StringIO(text), sep=r"\s+", header=None, names=names, dtype=np.float64)
     except ValueError as error:
