@@ -33,11 +33,11 @@ def curves(chainage_m: Array, curvature_1pm: Array) -> list[tuple[float, float, 
     mean = mean_curvature(chainage_m, curvature_1pm)
     sense = curve_sense(chainage_m, curvature_1pm)
     measured = ~np.isnan(curvature_1pm)
-    found = []
+    arcs = []
     for side in (1.0, -1.0):
         for start, end in true_runs((sense == side) & measured):
             along, bend = chainage_m[start:end], np.abs(mean[start:end])
             if along[-1] - along[0] >= _LEAST_LENGTH_M:
                 circle = curvature_1pm[start:end][bend >= _BODY * bend.max()]
-                found.append((float(along[0]), float(along[-1]), sense_and_radius(float(np.median(circle)))))
-    return sorted(found, key=lambda curve: curve[0] - curve[1])
+                arcs.append((float(along[0]), float(along[-1]), sense_and_radius(float(np.median(circle)))))
+    return sorted(arcs, key=lambda curve: curve[0] - curve[1])

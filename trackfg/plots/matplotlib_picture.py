@@ -88,10 +88,10 @@ def _strip(axes: Axes, panel: Panel, *, last: bool) -> None:
         _few_ticks(right, panel.over)
     box = axes.get_position()
     middle = (box.y0 + box.y1) / 2.0
-    for row, one in enumerate(names):
+    for row, entry in enumerate(names):
         va = "center" if len(names) == 1 else ("bottom", "top")[row]
-        text = f"{one.label}\n" if va == "bottom" else one.label
-        axes.figure.text(0.012, middle, text, ha="left", va=va, color=one.curves[0].colour)
+        text = f"{entry.label}\n" if va == "bottom" else entry.label
+        axes.figure.text(0.012, middle, text, ha="left", va=va, color=entry.curves[0].colour)
 
 
 def _panels(figure: Figure, grid: GridSpec, sheet: Sheet) -> list[Axes]:
@@ -113,10 +113,10 @@ def _few_ticks(axes: Axes, panel: Panel) -> None:
 
 
 def _map(axes: Axes, sheet: Sheet) -> None:
-    seen: set[str] = set()
+    labels: set[str] = set()
     for line in sheet.paths:
-        label = line.name if line.name not in seen else None
-        seen.add(line.name)
+        label = line.name if line.name not in labels else None
+        labels.add(line.name)
         if line.dots:
             axes.plot(line.east_m, line.north_m, ".", color=line.colour, markersize=3.5, label=label, zorder=4)
         else:

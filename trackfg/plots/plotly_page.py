@@ -202,7 +202,7 @@ def _draw(figure: go.Figure, panel: Panel, number: int) -> None:
 
 
 def _map(figure: go.Figure, sheet: Sheet, number: int) -> None:
-    seen: set[str] = set()
+    labels: set[str] = set()
     wide_first = sorted(sheet.paths, key=lambda line: line.name != SPAN_NAME)
     for line in wide_first:
         wide = line.name == SPAN_NAME
@@ -216,14 +216,14 @@ def _map(figure: go.Figure, sheet: Sheet, number: int) -> None:
                 mode="markers" if line.dots else "lines",
                 name=line.name,
                 legendgroup=line.name,
-                showlegend=line.name not in seen,
+                showlegend=line.name not in labels,
                 hovertemplate="east %{x:.1f} m<br>north %{y:.1f} m",
                 xaxis="x2",
                 yaxis=_ref(number),
                 **style,
             )
         )
-        seen.add(line.name)
+        labels.add(line.name)
     axis = {"title": {"text": "north, m"}, "scaleanchor": "x2", "scaleratio": 1, "anchor": "x2"}
     figure.update_layout(
         {

@@ -40,15 +40,15 @@ def limit_lines(
     conventions = result.summary.geometry
     lines: list[LimitLine] = []
     left_out: Counter[str] = Counter()
-    seen: set[tuple[str, str, float]] = set()
+    keys: set[tuple[str, str, float]] = set()
     for limit in at_line_speed(limits, line_speed_kmh):
         reason = _reason_against(limit, result)
         if reason:
             left_out[reason] += 1
             continue
         for column in _columns(limit, result):
-            new = (column, limit.level, limit.value_mm) not in seen
-            seen.add((column, limit.level, limit.value_mm))
+            new = (column, limit.level, limit.value_mm) not in keys
+            keys.add((column, limit.level, limit.value_mm))
             label = limit.level if new else ""
             for value in _values(limit, sense, conventions):
                 lines.append(LimitLine(column, label, *_steps(chainage, value)))

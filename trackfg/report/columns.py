@@ -71,17 +71,17 @@ def packed_value(values: Array, sigmas: Array | None = None) -> Column:
     """
     finite = values[np.isfinite(values)]
     span = float(np.ptp(finite)) if finite.size else 0.0
-    known = np.empty(0) if sigmas is None else sigmas[np.isfinite(sigmas) & (sigmas > 0.0)]
-    if known.size:
-        accuracy = float(np.median(known)) / _OF_SIGMA
+    positive = np.empty(0) if sigmas is None else sigmas[np.isfinite(sigmas) & (sigmas > 0.0)]
+    if positive.size:
+        accuracy = float(np.median(positive)) / _OF_SIGMA
         return packed(values, min(accuracy, span / _DRAWN) if span > 0.0 else accuracy)
     return packed(values, span / _OF_RANGE if finite.size else 1.0)
 
 
 def packed_sigma(sigmas: Array) -> Column:
     """Return sigmas (n,) to half a percent of their lower quartile."""
-    known = sigmas[np.isfinite(sigmas) & (sigmas > 0.0)]
-    return packed(sigmas, float(np.quantile(known, 0.25)) / _OF_SIZE if known.size else 1.0)
+    finite = sigmas[np.isfinite(sigmas) & (sigmas > 0.0)]
+    return packed(sigmas, float(np.quantile(finite, 0.25)) / _OF_SIZE if finite.size else 1.0)
 
 
 def packed(values: Array, accuracy: float) -> Column:
@@ -111,9 +111,9 @@ def packed(values: Array, accuracy: float) -> Column:
 
 def _filled(values: Array, gap: NDArray[np.bool_]) -> Array:
     """Fill the gaps: each repeats the value before it, one at the start the first there is."""
-    known = np.flatnonzero(~gap)
-    if known.size == 0:
+    finite_rows = np.flatnonzero(~gap)
+    if finite_rows.size == 0:
         return np.zeros(len(values))
-    before = np.searchsorted(known, np.arange(len(values)), side="right") - 1
-    filled: Array = values[known[np.clip(before, 0, None)]]
+    lower = np.searchsorted(finite_rows, np.arange(len(values)), side="right") - 1
+    filled: Array = values[finite_rows[np.clip(lower, 0, None)]]
     return filled

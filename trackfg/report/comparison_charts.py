@@ -112,8 +112,8 @@ class _CaseChart:
         return Strips("time, s", "s", x_range, tuple(panels), legend=True)
 
     def _values(self, tables: Mapping[str, pd.DataFrame], x: Mapping[str, Column], quantity: str) -> ChartPanel | None:
-        known = self._known(tables, quantity, quantity)
-        if not set(known) - {TRUTH}:
+        curves = self._known(tables, quantity, quantity)
+        if not set(curves) - {TRUTH}:
             return None
         lines = tuple(
             ChartLine(
@@ -124,9 +124,9 @@ class _CaseChart:
                 wide=name == TRUTH,
                 shown=name in self.best,
             )
-            for name, values in known.items()
+            for name, values in curves.items()
         )
-        guide = next(known[name] for name in (TRUTH, REFERENCE, *known) if name in known)
+        guide = next(curves[name] for name in (TRUTH, REFERENCE, *curves) if name in curves)
         return _panel(quantity, lines, with_margin(*extent(guide, np.zeros(len(guide)), 0.0, _LEAST)))
 
     def _errors(
@@ -135,15 +135,15 @@ class _CaseChart:
         """Return the errors, the smoother's with the band that it claims; where an unknown offset is not scored it is
         not drawn either.
         """
-        known = self._known(tables, quantity, quantity + suffix)
-        known.pop(TRUTH, None)
-        if not known:
+        curves = self._known(tables, quantity, quantity + suffix)
+        curves.pop(TRUTH, None)
+        if not curves:
             return None
         centred = QUANTITIES[quantity].statistic == "sd"
         if centred:
-            known = {name: values - np.nanmean(values) for name, values in known.items()}
+            curves = {name: values - np.nanmean(values) for name, values in curves.items()}
         lines, sizes = [], []
-        for name, values in known.items():
+        for name, values in curves.items():
             band = None
             if name == REFERENCE:
                 sigmas = tables[name][f"{quantity}_sd"].to_numpy(dtype=np.float64)
@@ -163,14 +163,14 @@ class _CaseChart:
         """Return the truth, and the estimators scored for the quantity (all in a case without scores), where they have
         it.
         """
-        known = {}
+        curves = {}
         for name, table in tables.items():
             if column not in table or not (name == TRUTH or not self.scored or name in self.scored.get(quantity, ())):
                 continue
             values = table[column].to_numpy(dtype=np.float64)
             if np.isfinite(values).any():
-                known[name] = values
-        return known
+                curves[name] = values
+        return curves
 
 
 def _panel(
@@ -185,9 +185,9 @@ def _panel(
 
 def _packed(values: Array) -> Column:
     """Pack to a hundredth of the usual size."""
-    known = np.abs(values[np.isfinite(values)])
-    known = known[known > 0.0]
-    return packed(values, float(np.median(known)) / _OF_SIZE if known.size else 1.0)
+    sizes = np.abs(values[np.isfinite(values)])
+    sizes = sizes[sizes > 0.0]
+    return packed(values, float(np.median(sizes)) / _OF_SIZE if sizes.size else 1.0)
 
 
 def by_speed(rows: Iterable[Score], case: str, colour: Mapping[str, str]) -> Figure | None:
@@ -216,11 +216,11 @@ def by_speed(rows: Iterable[Score], case: str, colour: Mapping[str, str]) -> Fig
             "exponentformat": "none",
         }
         for name in colour:
-            found = sorted(
+            scores = sorted(
                 (row for row in banded if row.quantity == quantity and row.estimator == name and row.error > 0.0),
                 key=lambda row: row.from_kmh or 0.0,
             )
-            if not found:
+            if not scores:
                 continue
             traces.append(
                 {
@@ -229,8 +229,8 @@ def by_speed(rows: Iterable[Score], case: str, colour: Mapping[str, str]) -> Fig
                     "name": plain(name),
                     "legendgroup": plain(name),
                     "showlegend": name not in named,
-                    "x": [(row.from_kmh or 0.0) + BAND_KMH / 2.0 for row in found],
-                    "y": [float(f"{row.error:.4g}") for row in found],
+                    "x": [(row.from_kmh or 0.0) + BAND_KMH / 2.0 for row in scores],
+                    "y": [float(f"{row.error:.4g}") for row in scores],
                     "line": {"color": colour[name], "width": 3 if name == REFERENCE else 1.5},
                     "marker": {"size": 5},
                     "xaxis": f"x{axis}",
@@ -242,8 +242,10 @@ def by_speed(rows: Iterable[Score], case: str, colour: Mapping[str, str]) -> Fig
             )
             named[name] = None
     shown = ", ".join(QUANTITIES[quantity].label for quantity in quantities)
-    said = f"Error over speed of {shown}, a line each for {', '.join(named)}; the tables by speed have the numbers."
-    return Figure(tuple(traces), layout, 430, said)
+    description = (
+        f"Error over speed of {shown}, a line each for {', '.join(named)}; the tables by speed have the numbers."
+    )
+    return Figure(tuple(traces), layout, 430, description)
 
 
 def run_times(rows: Iterable[Score], colour: Mapping[str, str]) -> Figure | None:
@@ -264,5 +266,5 @@ def run_times(rows: Iterable[Score], colour: Mapping[str, str]) -> Figure | None
         "range": [lowest, max(highest, lowest + 1.0) + 0.1],
         "exponentformat": "none",
     }
-    said = ", ".join(f"{name} {seconds:.3g} s per km" for seconds, name in typical)
-    return bar_figure(bars, x_axis, f"Bars of run time: {said}.")
+    description = ", ".join(f"{name} {seconds:.3g} s per km" for seconds, name in typical)
+    return bar_figure(bars, x_axis, f"Bars of run time: {description}.")

@@ -147,12 +147,12 @@ def _curves(comparison: Comparison, colour: dict[str, str]) -> Iterator[PageSect
     )
     blocks: list[Block] = []
     for case in comparison.about.cases:
-        found = case_curves(comparison, case.name, colour)
+        figures = case_curves(comparison, case.name, colour)
         errors, less = ("differences", "the smoother's") if case.basis == "smoother" else ("errors", "truth")
         for chart, what, note in (
-            (found.geometry, "geometry", "Each over its own chainage."),
-            (found.errors, f"{errors} of the geometry", f"Estimate less {less} at the same place."),
-            (found.over_time, f"{errors} over time", f"Estimate less {less}."),
+            (figures.geometry, "geometry", "Each over its own chainage."),
+            (figures.errors, f"{errors} of the geometry", f"Estimate less {less} at the same place."),
+            (figures.over_time, f"{errors} over time", f"Estimate less {less}."),
         ):
             if chart is not None:
                 title = f"{case.name}, first run: {what}"

@@ -57,9 +57,9 @@ def best_table(about: About) -> PageTable:
             places.setdefault((row.case, row.quantity), []).append(row)
     rows = []
     for (case, quantity), of_place in places.items():
-        own = next((row for row in of_place if row.estimator == REFERENCE), None)
+        reference_row = next((row for row in of_place if row.estimator == REFERENCE), None)
         others = [row for row in of_place if row.to_smoother is not None]
-        if own is None or not others:
+        if reference_row is None or not others:
             continue
         best = min(others, key=lambda row: row.to_smoother or 0.0)
         rows.append(
@@ -67,7 +67,7 @@ def best_table(about: About) -> PageTable:
                 (
                     case,
                     f"{QUANTITIES[quantity].heading} ({_STATISTIC[best.statistic]})",
-                    _error(own),
+                    _error(reference_row),
                     _error(best),
                     best.estimator,
                     digits(best.to_smoother),
@@ -121,7 +121,7 @@ def beaten_table(about: About) -> PageTable:
     """Return every score in which another system is better than the smoother: the sure ones first, then by the
     ratio.
     """
-    own = {_place(row): row for row in about.rows if row.estimator == REFERENCE}
+    reference_rows = {_place(row): row for row in about.rows if row.estimator == REFERENCE}
     beaten = [row for row in about.rows if row.beats_the_smoother]
     beaten.sort(key=lambda row: (not surely_beats(row), row.to_smoother))
     rows = tuple(
@@ -132,7 +132,7 @@ def beaten_table(about: About) -> PageTable:
                 _band(row),
                 row.estimator,
                 _error(row),
-                _error(own[_place(row)]) if _place(row) in own else NONE,
+                _error(reference_rows[_place(row)]) if _place(row) in reference_rows else NONE,
                 digits(row.to_smoother),
                 interval(row.to_smoother_interval),
                 _sureness(row),
@@ -160,12 +160,12 @@ def score_table(about: About, task: Task) -> PageTable:
     first.
     """
     rows: list[TableRow] = []
-    before: tuple[str, str] | None = None
+    previous: tuple[str, str] | None = None
     for row in about.rows:
         if row.task != task or row.from_kmh is not None:
             continue
-        if (row.case, row.quantity) != before:
-            before = (row.case, row.quantity)
+        if (row.case, row.quantity) != previous:
+            previous = (row.case, row.quantity)
             case = "" if len(about.cases) == 1 else f"{row.case}: "
             group = f"{case}{QUANTITIES[row.quantity].heading} ({_STATISTIC[row.statistic]})"
             rows.append(TableRow((group,), mark="group"))

@@ -137,10 +137,10 @@ def coverage_table(errors: pd.DataFrame) -> PageTable:
 
 def histograms(errors: pd.DataFrame) -> Figure | None:
     """Draw error over sigma of each quantity, beside the normal density; None where no error has a sigma."""
-    found = list(_normalised(errors))
-    if not found:
+    ratios = list(_normalised(errors))
+    if not ratios:
         return None
-    rows = -(-len(found) // _ACROSS)
+    rows = -(-len(ratios) // _ACROSS)
     traces: list[dict[str, Any]] = []
     layout: dict[str, Any] = {
         "grid": {"rows": rows, "columns": _ACROSS, "pattern": "independent", "xgap": 0.12, "ygap": 0.3},
@@ -151,7 +151,7 @@ def histograms(errors: pd.DataFrame) -> Figure | None:
     }
     edges = np.linspace(-_EDGE, _EDGE, _BINS + 1)
     middle = (edges[1:] + edges[:-1]) / 2.0
-    for number, (name, ratio) in enumerate(found, start=1):
+    for number, (name, ratio) in enumerate(ratios, start=1):
         count, _ = np.histogram(np.clip(ratio, -_EDGE, _EDGE), edges)
         density = count / (ratio.size * np.diff(edges))
         axes = {"xaxis": f"x{number}", "yaxis": f"y{number}", "hoverinfo": "skip"}
@@ -175,9 +175,9 @@ def histograms(errors: pd.DataFrame) -> Figure | None:
                 "font": {"size": 12, "color": GREY},
             }
         )
-    names = ", ".join(named(name).name for name, _ in found)
-    said = f"Histograms of error over sigma of {names} beside the normal density"
-    return Figure(tuple(traces), layout, 40 + _ROW_PX * rows, f"{said}; the table below counts them.")
+    names = ", ".join(named(name).name for name, _ in ratios)
+    description = f"Histograms of error over sigma of {names} beside the normal density"
+    return Figure(tuple(traces), layout, 40 + _ROW_PX * rows, f"{description}; the table below counts them.")
 
 
 def _normalised(errors: pd.DataFrame) -> Iterator[tuple[str, Array]]:

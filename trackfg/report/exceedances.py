@@ -36,8 +36,8 @@ def exceedance_spans(judgement: Judgement | None, columns: Sequence[str], scale:
     """
     if judgement is None:
         return ()
-    found = judgement.found.drop_duplicates(["column", "from_m", "to_m"])
-    stretches = zip(found["column"], found["from_m"], found["to_m"], strict=True)
+    exceedances = judgement.found.drop_duplicates(["column", "from_m", "to_m"])
+    stretches = zip(exceedances["column"], exceedances["from_m"], exceedances["to_m"], strict=True)
     return tuple(
         Span(scale * start, scale * end, RED, panel)
         for name, start, end in stretches
@@ -71,10 +71,10 @@ def exceedance_places(judgement: Judgement | None) -> list[ChartPlace]:
 
 def exceedance_tile(judgement: Judgement) -> Tile:
     """Return the headline: how many exceedances there are, and of which level the most severe is."""
-    found = by_severity(judgement.found)
-    severest = "none" if found.empty else f"the severest: {found['level'].iloc[0]}"
-    doubted = int((~found["trusted"].astype(bool)).sum())
-    return Tile("exceedances", str(len(found)), severest + (f"; {doubted} {NOT_TRUSTED}" if doubted else ""))
+    exceedances = by_severity(judgement.found)
+    severest = "none" if exceedances.empty else f"the severest: {exceedances['level'].iloc[0]}"
+    doubted = int((~exceedances["trusted"].astype(bool)).sum())
+    return Tile("exceedances", str(len(exceedances)), severest + (f"; {doubted} {NOT_TRUSTED}" if doubted else ""))
 
 
 def doubt_text(doubt: str) -> Text:
@@ -84,19 +84,19 @@ def doubt_text(doubt: str) -> Text:
 
 def exceedance_section(judgement: Judgement, result: Result) -> PageSection:
     """Return the section: the exceedances by severity, and the limits that were not judged."""
-    found = by_severity(judgement.found)
+    exceedances = by_severity(judgement.found)
     doubt = doubt_about(result)
     blocks: list[Block] = [doubt_text(doubt)] if doubt else []
-    if found.empty:
+    if exceedances.empty:
         blocks.append(Text("No exceedance of the limits that could be judged.", "plain" if doubt else "good"))
     else:
-        counts = counts_text({str(level): int(n) for level, n in found["level"].value_counts(sort=False).items()})
-        said = f"Exceedances: {counts}. {unsure_text(found)}".rstrip()
-        blocks.append(Text(f"{said} They are shaded red in the strips.", "warning"))
-        blocks.append(_kilometres(found))
-        blocks.append(_table(found.head(_MANY), result))
-        if len(found) > _MANY:
-            blocks.append(Fold(f"{len(found) - _MANY} more", (_table(found.iloc[_MANY:], result),)))
+        counts = counts_text({str(level): int(n) for level, n in exceedances["level"].value_counts(sort=False).items()})
+        warning = f"Exceedances: {counts}. {unsure_text(exceedances)}".rstrip()
+        blocks.append(Text(f"{warning} They are shaded red in the strips.", "warning"))
+        blocks.append(_kilometres(exceedances))
+        blocks.append(_table(exceedances.head(_MANY), result))
+        if len(exceedances) > _MANY:
+            blocks.append(Fold(f"{len(exceedances) - _MANY} more", (_table(exceedances.iloc[_MANY:], result),)))
         note = (
             "The severest level first, within it the greatest share of its limit; after them those by less than 1.96 "
             "sigma. A place that exceeds several levels of a limit stands under the severest, whose limit is the "
@@ -113,7 +113,7 @@ def exceedance_section(judgement: Judgement, result: Result) -> PageSection:
     return PageSection("limits", "Exceedances of limits: where to send the gang", tuple(blocks), "Exceedances")
 
 
-def _kilometres(found: pd.DataFrame) -> PageTable:
+def _kilometres(exceedances: pd.DataFrame) -> PageTable:
     """Return how many exceedances each kilometre has, by level, and the worst of them."""
     rows = TableRow.plain(
         (
@@ -125,13 +125,13 @@ def _kilometres(found: pd.DataFrame) -> PageTable:
             place_text(one.worst),
             f"{100.0 * one.share:.0f}",
         )
-        for one in by_kilometre(found)
+        for one in by_kilometre(exceedances)
     )
     headings = ("km", "exceedances", "by class", "length, m", "worst", "at km", "% of limit")
     return PageTable(headings, rows, numbers=frozenset((0, 1, 3, 5, 6)), caption="By kilometre")
 
 
-def _table(found: pd.DataFrame, result: Result) -> PageTable:
+def _table(exceedances: pd.DataFrame, result: Result) -> PageTable:
     chainage, speed = (result.geometry[name].to_numpy() for name in ("chainage_m", "speed_mps"))
     rows = TableRow.plain(
         (
@@ -146,7 +146,7 @@ def _table(found: pd.DataFrame, result: Result) -> PageTable:
             f"{row['from_m']:.2f}",
             f"{row['to_m']:.2f}",
         )
-        for row in found.to_dict("records")
+        for row in exceedances.to_dict("records")
     )
     headings = (
         "km",

@@ -60,9 +60,9 @@ def channels(table: pd.DataFrame, verdicts: Sequence[Verdict] = ()) -> tuple[Geo
 
 def channels_of_any(tables: Iterable[pd.DataFrame]) -> tuple[GeometryChannel, ...]:
     """Return what any of some geometry tables is shown by, in the order of the chart."""
-    found = {channel.column: channel for table in tables for channel in channels(table)}
+    by_column = {channel.column: channel for table in tables for channel in channels(table)}
     order = (*CENTRE, *RAILS, *COMMON[:-1], CURVATURE, COMMON[-1])
-    return tuple(found[channel.column] for channel in order if channel.column in found)
+    return tuple(by_column[channel.column] for channel in order if channel.column in by_column)
 
 
 def chainage_axis(chainage_m: Array) -> tuple[str, float]:
@@ -103,8 +103,8 @@ def geometry_strips(
             line = ChartLine("error", BLUE, x, packed_error, sigma, band_about_zero=True)
             y_range = error_range(error, sigmas)
             error_panels.append(ChartPanel(channel.label, channel.unit, (line,), y_range, base=0.0, share=0.8))
-        own = tuple(line for line in limits if line.column == channel.column)
-        panels.append(_panel(channel, table, result.summary.geometry, tuple(lines), own, scale))
+        channel_limits = tuple(line for line in limits if line.column == channel.column)
+        panels.append(_panel(channel, table, result.summary.geometry, tuple(lines), channel_limits, scale))
         columns.append(channel.column)
     label = f"chainage, {unit}"
     with_truth = bool(error_panels)

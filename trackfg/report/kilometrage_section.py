@@ -21,8 +21,8 @@ def kilometrage_sections(result: Result, line: LineKilometrage | None) -> Iterat
     if line is None or (result.trajectory.empty and result.geometry.empty):
         return
     kilometrage = line.kilometrage()
-    passed = (result.geometry if result.trajectory.empty else result.trajectory)["chainage_m"].to_numpy()
-    ends = np.array([passed.min(), passed.max()])
+    chainages = (result.geometry if result.trajectory.empty else result.trajectory)["chainage_m"].to_numpy()
+    ends = np.array([chainages.min(), chainages.max()])
     first, last = kilometrage.written(ends)
     jumps = [jump for jump in kilometrage.jumps if ends[0] <= jump.chainage_m <= ends[1]]
     facts = (

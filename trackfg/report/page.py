@@ -371,7 +371,7 @@ def _packed_plotly() -> str:
 def _plotly() -> str:
     """Return plotly.js, its factory in parentheses: browsers then compile it as they read it, and not a second time."""
     script: str = library("plotly.offline", "charts").get_plotlyjs()
-    head, found, rest = script.partition(_FACTORY)
-    if not found or not rest.rstrip().endswith(_FACTORY_END):
+    head, factory, rest = script.partition(_FACTORY)
+    if not factory or not rest.rstrip().endswith(_FACTORY_END):
         return script
-    return f"{head}({found}{rest.rstrip().removesuffix(_FACTORY_END)}}})));"
+    return f"{head}({factory}{rest.rstrip().removesuffix(_FACTORY_END)}}})));"

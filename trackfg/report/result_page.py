@@ -78,10 +78,10 @@ class _Along:
         ]
         balises = result.balises
         if not balises.empty:
-            known = balises[balises["measured_m"].notna()]
+            passages = balises[balises["measured_m"].notna()]
             marks += [
                 PathMark("balises", str(name), float(at))
-                for name, at in zip(known["id"], known["measured_m"], strict=True)
+                for name, at in zip(passages["id"], passages["measured_m"], strict=True)
             ]
         return marks
 
@@ -140,8 +140,8 @@ def _version(result: Result) -> str:
 
 
 def _findings(result: Result) -> PageSection:
-    found = sorted(result.summary.findings, key=lambda finding: _LEVELS.index(finding.level))
-    if not found:
+    findings = sorted(result.summary.findings, key=lambda finding: _LEVELS.index(finding.level))
+    if not findings:
         return PageSection(
             "findings", "Data quality", (Text("Reading the recording found nothing to report.", "good"),), "Data"
         )
@@ -155,7 +155,7 @@ def _findings(result: Result) -> PageSection:
             ),
             mark="error" if finding.level == "error" else "warning" if finding.level == "warning" else "",
         )
-        for finding in found
+        for finding in findings
     )
     return PageSection("findings", "Data quality", (PageTable(("level", "where", "what", "hint"), rows),), "Data")
 
@@ -295,7 +295,7 @@ def _made(result: Result, command: str) -> PageSection:
     default = dict(leaves(SmoothConfig().model_dump(mode="json")))
     settings = list(leaves(page.configuration))
     changed = [(key, value) for key, value in settings if value != default.get(key)]
-    said = (
+    origin = (
         "All settings are the defaults."
         if not changed
         else "Other than the defaults: " + ", ".join(f"{key} = {_setting(value)}" for key, value in changed)
@@ -305,7 +305,7 @@ def _made(result: Result, command: str) -> PageSection:
         Code(command),
         Text(f"from what trackfg {'import' if page.solver is None else 'smooth'} wrote with these versions:"),
         versions,
-        Text(said + "." if changed else said),
+        Text(origin + "." if changed else origin),
         Fold("All settings", (Columns(tuple(_settings(settings, default))),)),
     )
     return PageSection("made", "How it was made", blocks, "Made")

@@ -137,11 +137,11 @@ def by_severity(found: pd.DataFrame) -> pd.DataFrame:
     return severest.loc[order.index].reset_index(drop=True)
 
 
-def _under_a_severer_one(found: pd.DataFrame) -> NDArray[np.bool_]:
+def _under_a_severer_one(exceedances: pd.DataFrame) -> NDArray[np.bool_]:
     """Return whether a larger limit of the same family is exceeded within the stretch of each row, bool (n,)."""
-    out = np.zeros(len(found), dtype=bool)
-    for rows in found.reset_index(drop=True).groupby(_FAMILY).indices.values():
-        table = found.iloc[rows]
+    out = np.zeros(len(exceedances), dtype=bool)
+    for rows in exceedances.reset_index(drop=True).groupby(_FAMILY).indices.values():
+        table = exceedances.iloc[rows]
         start, end, limit = (table[name].to_numpy() for name in ("from_m", "to_m", "limit_mm"))
         for value in np.unique(limit)[1:]:
             above, below = limit == value, limit < value
@@ -151,6 +151,6 @@ def _under_a_severer_one(found: pd.DataFrame) -> NDArray[np.bool_]:
 
 def _overlap(start: Array, end: Array, others_start: Array, others_end: Array) -> NDArray[np.bool_]:
     """Return whether each stretch meets any of the others: more of them have begun at its end than ended before it."""
-    begun = np.searchsorted(np.sort(others_start), end, side="right")
-    ended = np.searchsorted(np.sort(others_end), start, side="left")
-    return np.asarray(begun > ended)
+    begin_count = np.searchsorted(np.sort(others_start), end, side="right")
+    end_count = np.searchsorted(np.sort(others_end), start, side="left")
+    return np.asarray(begin_count > end_count)

@@ -72,8 +72,8 @@ def judge(
         lengths=lengths,
     )
     doubted = {name for name, of in _QUANTITIES.items() if not math.isfinite(widening(result.summary.verdicts, of))}
-    found = judgement.found.assign(trusted=~judgement.found["parameter"].isin(doubted))
-    return replace(judgement, found=with_km(found, kilometrage))
+    table = judgement.found.assign(trusted=~judgement.found["parameter"].isin(doubted))
+    return replace(judgement, found=with_km(table, kilometrage))
 
 
 def doubt_about(result: Result) -> str:

@@ -53,12 +53,12 @@ def against(result: Result, recording: str | os.PathLike[str]) -> Against | None
     Raises :class:`BadInputError` if it is another recording, or cannot be read.
     """
     path = os.fspath(recording)
-    known = has_truth(path)
+    truth_exists = has_truth(path)
     description = read_description(path).description
     name = result.summary.recording_id
     if description is not None and description.id != name:
         raise BadInputError(f"{path}: is the recording {description.id!r}; expected {name!r}, which the result is of")
-    if not known:
+    if not truth_exists:
         return None
     truth, geometry = read_truth(path), read_truth_geometry(path)
     if "chainage_m" not in truth:

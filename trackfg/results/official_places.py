@@ -52,9 +52,9 @@ def unplaced(chainage: pd.Series, given: LineKilometrage) -> tuple[Finding, ...]
     if max(begin - high, low - end) < _OUTSIDE_M:
         return ()
     counted = f"chainage counts from the start of the run, {round(low)} to {round(high)} m"
-    there = f"begins at {begin:.0f} m" if begin > high else f"ends at {end:.0f} m"
+    extent = f"begins at {begin:.0f} m" if begin > high else f"ends at {end:.0f} m"
     hint = "give fixes, a map (--map), or in [kilometrage] an equation for the place where the run begins, chainage 0"
-    what = f"{counted}, but [kilometrage] {there}: official places are not where the run was"
+    what = f"{counted}, but [kilometrage] {extent}: official places are not where the run was"
     return (Finding("warning", "kilometrage", what, hint=hint),)
 
 
@@ -87,7 +87,7 @@ def with_km(table: pd.DataFrame, kilometrage: Kilometrage | None, *, of: str = "
     """
     if kilometrage is None:
         return table
-    after = list(table.columns).index(of)
+    column = list(table.columns).index(of)
     shown = table.copy(deep=False)
-    shown.insert(after + 1, KM_COLUMN, pd.Series(kilometrage.written(table[of].to_numpy()), table.index, dtype="str"))
+    shown.insert(column + 1, KM_COLUMN, pd.Series(kilometrage.written(table[of].to_numpy()), table.index, dtype="str"))
     return shown

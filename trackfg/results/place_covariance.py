@@ -76,7 +76,7 @@ class PlaceCovariance(Outlined):
         numbers = [block[1:] for block in self.errors.blocks]
         if not all(np.isfinite(part).all() for part in (self.chainage_m, *itertools.chain.from_iterable(numbers))):
             raise ValueError("covariance: expected finite numbers")
-        if not all(np.allclose(own, own.T, rtol=_ROUNDING, atol=0.0) for own, *_ in numbers):
+        if not all(np.allclose(covariance, covariance.T, rtol=_ROUNDING, atol=0.0) for covariance, *_ in numbers):
             raise ValueError("covariance: expected a symmetric matrix")
         places = len(self.chainage_m)
         for begin in range(0, max(places - _STRETCH // 2, 1), _STRETCH // 2):
@@ -144,11 +144,11 @@ class PlaceCovariance(Outlined):
 def _of_blocks(table: pd.DataFrame) -> PlaceCovariance:
     """Read the covariance of a long run, a row per block in order of time."""
     blocks, count = [], 0
-    for places, own, by_end, start_by_end, with_start in table.itertuples(index=False):
+    for places, covariance, by_end, start_by_end, with_start in table.itertuples(index=False):
         m = 2 * len(places)
         at_end, at_start = np.reshape(by_end, (m, -1)), np.reshape(with_start, (-1, m))
         start_at_end = np.reshape(start_by_end, (len(at_start), at_end.shape[1]))
-        blocks.append(Block(count + np.arange(m), np.reshape(own, (m, m)), at_end, start_at_end, at_start))
+        blocks.append(Block(count + np.arange(m), np.reshape(covariance, (m, m)), at_end, start_at_end, at_start))
         count += m
     chainage = np.concatenate(table["chainage_m"].to_list())
     return PlaceCovariance.in_order_of_time(chainage, ChainedCovariance(tuple(blocks)))

@@ -60,27 +60,27 @@ def trend_page(found: Trends, title: str, command: str) -> Page:
     return Page("trends", title, f"{runs} runs, {span}", sections)
 
 
-def _summary(found: Trends) -> tuple[Block, ...]:
-    first = min((date for date in found.reached["reached_on"] if date), default=NONE)
+def _summary(trends: Trends) -> tuple[Block, ...]:
+    first = min((date for date in trends.reached["reached_on"] if date), default=NONE)
     tiles = Tiles(
         (
-            Tile("trends", str(len(found.trends)), "places where the track drifts"),
-            Tile("steps", str(len(found.steps)), "places where it jumped"),
+            Tile("trends", str(len(trends.trends)), "places where the track drifts"),
+            Tile("steps", str(len(trends.steps)), "places where it jumped"),
             Tile("first limit reached", first),
-            Tile("looked at", length(float(np.ptp(found.cells["chainage_m"])))),
+            Tile("looked at", length(float(np.ptp(trends.cells["chainage_m"])))),
         )
     )
-    doubts = (Text(doubt, "warning") for doubt in found.doubts.values())
-    if not found.left_out:
+    doubts = (Text(doubt, "warning") for doubt in trends.doubts.values())
+    if not trends.left_out:
         return (tiles, *doubts)
-    return (tiles, *doubts, Text("Left out:", "warning"), Facts(tuple(found.left_out.items())))
+    return (tiles, *doubts, Text("Left out:", "warning"), Facts(tuple(trends.left_out.items())))
 
 
-def _reached(found: Trends) -> tuple[Block, ...]:
-    if found.reached.empty:
+def _reached(trends: Trends) -> tuple[Block, ...]:
+    if trends.reached.empty:
         return (Text("No trend is held against a limit, or none was given."),)
-    order = found.reached["reached_on"].replace("", "9999").sort_values(kind="stable").index
-    rate = f"rate_mm_per_{found.per}"
+    order = trends.reached["reached_on"].replace("", "9999").sort_values(kind="stable").index
+    rate = f"rate_mm_per_{trends.per}"
     rows = TableRow.plain(
         (
             *_place(row),
@@ -90,17 +90,17 @@ def _reached(found: Trends) -> tuple[Block, ...]:
             digits(row[rate]),
             *(row[name] or NONE for name in ("reached_on", "earliest", "latest")),
         )
-        for row in found.reached.loc[order].to_dict("records")
+        for row in trends.reached.loc[order].to_dict("records")
     )
-    values = ("limit", "limit, mm", "value, mm", found.unit, "reached on", "earliest", "latest")
+    values = ("limit", "limit, mm", "value, mm", trends.unit, "reached on", "earliest", "latest")
     note = Text("Earliest and latest are the interval of two sigmas; without a latest, the rate may be zero.", "note")
     return (note, *folded_if_long(PageTable((*_PLACE, *values), rows, frozenset({0, 1, 2, 5, 6, 7})), "dates"))
 
 
-def _trends(found: Trends, strongest: pd.DataFrame) -> tuple[Block, ...]:
+def _trends(trends: Trends, strongest: pd.DataFrame) -> tuple[Block, ...]:
     if strongest.empty:
         return (Text("No trend: the track does not change by more than noise.", "good"),)
-    rate = f"rate_mm_per_{found.per}"
+    rate = f"rate_mm_per_{trends.per}"
     rows = TableRow.plain(
         (
             *_place(row),
@@ -111,7 +111,7 @@ def _trends(found: Trends, strongest: pd.DataFrame) -> tuple[Block, ...]:
         )
         for row in strongest.to_dict("records")
     )
-    headings = (*_PLACE, f"rate, {found.unit}", "value at the last date, mm", "runs", "last step")
+    headings = (*_PLACE, f"rate, {trends.unit}", "value at the last date, mm", "runs", "last step")
     return folded_if_long(PageTable(headings, rows, frozenset({0, 1, 2, 4, 5, 6})), "trends")
 
 
@@ -147,29 +147,29 @@ def _histories(strongest: pd.DataFrame, values: pd.DataFrame) -> tuple[Block, ..
     return (Drawing(chart, note="What each run says at the place of the trend. Bands: 95 % (1.96 sigma)."),)
 
 
-def _rates(found: Trends) -> tuple[Block, ...]:
-    chainage = found.cells["chainage_m"].to_numpy(dtype=np.float64)
+def _rates(trends: Trends) -> tuple[Block, ...]:
+    chainage = trends.cells["chainage_m"].to_numpy(dtype=np.float64)
     unit, scale = chainage_axis(chainage)
     x, panels = packed(scale * chainage, scale * _PLACE_M), []
-    for column in found.cells:
-        if str(column).endswith(f"_per_{found.per}"):
-            rate, sd = (found.cells[f"{column}{end}"].to_numpy(dtype=np.float64) for end in ("", _SD))
+    for column in trends.cells:
+        if str(column).endswith(f"_per_{trends.per}"):
+            rate, sd = (trends.cells[f"{column}{end}"].to_numpy(dtype=np.float64) for end in ("", _SD))
             if np.isfinite(rate).any():
                 line = ChartLine("rate", BLUE, x, packed_value(rate, sd), packed_sigma(sd))
                 extent = with_margin(float(np.nanmin(rate - BAND * sd)), float(np.nanmax(rate + BAND * sd)))
-                name = named(str(column).removesuffix(f"_per_{found.per}")).name.replace(" ", "\n")
+                name = named(str(column).removesuffix(f"_per_{trends.per}")).name.replace(" ", "\n")
                 panels.append(ChartPanel(name, "mm", (line,), extent, base=0.0))
     if not panels:
         return (Text("No cell has a rate."),)
     return (Drawing(Strips(f"chainage, {unit}", unit, whole_range(scale * chainage), tuple(panels))),)
 
 
-def _sections(found: Trends) -> tuple[Block, ...]:
-    quantities = [str(name).removesuffix("_runs") for name in found.sections if str(name).endswith("_runs")]
-    columns = [column for name in quantities for column in (name, f"{name}_per_{found.per}")]
+def _sections(trends: Trends) -> tuple[Block, ...]:
+    quantities = [str(name).removesuffix("_runs") for name in trends.sections if str(name).endswith("_runs")]
+    columns = [column for name in quantities for column in (name, f"{name}_per_{trends.per}")]
     rows = TableRow.plain(
         (f"{1e-3 * row['chainage_m']:.3f}", *(with_sd(row[name], row[f"{name}{_SD}"], "") for name in columns))
-        for row in found.sections.dropna(subset=quantities, how="all").to_dict("records")
+        for row in trends.sections.dropna(subset=quantities, how="all").to_dict("records")
     )
-    words = [text for name in quantities for text in (f"SD of {named(name).name}, mm", f"growth, {found.unit}")]
+    words = [text for name in quantities for text in (f"SD of {named(name).name}, mm", f"growth, {trends.unit}")]
     return folded_if_long(PageTable(("from km", *words), rows, frozenset(range(len(words) + 1))), "sections")

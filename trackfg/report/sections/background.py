@@ -37,13 +37,13 @@ class Background:
         """Return name and chainage, m, of the points beside the path, each where the path is nearest."""
         path = result.trajectory[["east_m", "north_m"]].to_numpy()
         chainage = result.trajectory["chainage_m"].to_numpy()
-        found = []
+        points = []
         for name, east, north in self.points if len(path) else ():
             away = np.hypot(*(path - (east, north)).T)
             nearest = int(np.argmin(away))
             if away[nearest] <= _NEAR_M:
-                found.append((name, float(chainage[nearest])))
-        return found
+                points.append((name, float(chainage[nearest])))
+        return points
 
 
 def read_background(path: str | os.PathLike[str], origin: Origin | None) -> Background:

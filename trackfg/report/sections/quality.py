@@ -105,8 +105,8 @@ def _table(table: pd.DataFrame, channels: tuple[str, ...], places: PagePlaces, c
 
 def _share(share: float, unknown_m: float) -> str:
     """Return a share of the known length in percent, and how much is not known."""
-    known = NONE if math.isnan(share) else f"{100.0 * share:.0f}"
-    return f"{known} ({unknown_m:.0f} m unknown)" if unknown_m > 0.0 else known
+    percentage = NONE if math.isnan(share) else f"{100.0 * share:.0f}"
+    return f"{percentage} ({unknown_m:.0f} m unknown)" if unknown_m > 0.0 else percentage
 
 
 def _beyond(column: str) -> str:
@@ -134,11 +134,11 @@ def _bar(table: pd.DataFrame, rated: list[str], places: PagePlaces) -> ColourBar
         rows.append(BarRow(_label(column), cells, f"{digits(edges[0], 2)} to {digits(edges[-1], 2)} mm and more"))
     first = table[rated[0]].to_numpy()
     worst = int(np.nanargmax(first))
-    said = (
+    description = (
         f"Coloured bars of {', '.join(row.label for row in rows)} along the line; the greatest {_label(rated[0])} is "
         f"{digits(float(first[worst]))} mm at {names[worst]}. The table has them all."
     )
-    return ColourBar(tuple(rows), tuple(places.written(bar_places(starts[0], ends[-1], SECTION_M))), said)
+    return ColourBar(tuple(rows), tuple(places.written(bar_places(starts[0], ends[-1], SECTION_M))), description)
 
 
 def bar_places(start_m: float, end_m: float, section_m: float) -> Array:
@@ -154,9 +154,9 @@ def bar_places(start_m: float, end_m: float, section_m: float) -> Array:
 
 def colour_steps(values: Array) -> tuple[Array, Array]:
     """Return the colour of each value, 0 to the last, -1 where it is not known; and the edges between colours."""
-    known = values[np.isfinite(values)]
-    low = float(known.min())
-    high = max(float(np.quantile(known, _WORST_SHARE)), _DARK * low)
+    finite = values[np.isfinite(values)]
+    low = float(finite.min())
+    high = max(float(np.quantile(finite, _WORST_SHARE)), _DARK * low)
     edges = np.linspace(low, high, _STEPS + 1)[:-1] if high > low else np.array([low])
     step = np.searchsorted(edges, values, side="right") - 1
     return np.where(np.isfinite(values), np.clip(step, 0, _STEPS - 1), -1), edges

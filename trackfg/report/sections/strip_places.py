@@ -64,8 +64,8 @@ def _events(events: pd.DataFrame, trajectory: pd.DataFrame) -> Iterator[ChartPla
     if trajectory.empty:
         return
     t, chainage = trajectory["t_s"].to_numpy(), trajectory["chainage_m"].to_numpy()
-    known = events[np.isfinite(events["chainage_m"].to_numpy(dtype=np.float64))]
-    for event in known.to_dict("records"):
+    rows = events[np.isfinite(events["chainage_m"].to_numpy(dtype=np.float64))]
+    for event in rows.to_dict("records"):
         at = float(event["chainage_m"])
         until = float(np.interp(event["end_s"], t, chainage)) if np.isfinite(event["end_s"]) else at
         detail = f", {event['detail']}" if event["detail"] else ""

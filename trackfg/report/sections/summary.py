@@ -75,15 +75,15 @@ def measured_table(result: Result) -> PageTable:
     rows, verdicts = [], result.summary.verdicts
     for channel in channels(result.geometry):
         values = channel.scale * result.geometry[channel.column].to_numpy()
-        known = values[np.isfinite(values)]
+        finite = values[np.isfinite(values)]
         sigmas = channel.scale * result.geometry.get(f"{channel.column}_sd", pd.Series(dtype=float)).to_numpy()
         sigmas = sigmas[np.isfinite(sigmas)]
         typical, poor = np.quantile(sigmas, [0.5, 0.95]) if sigmas.size else (math.nan, math.nan)
-        low, high = (known.min(), known.max()) if known.size else (math.nan, math.nan)
+        low, high = (finite.min(), finite.max()) if finite.size else (math.nan, math.nan)
         places = decimals(float(np.fmin(typical, max(abs(low), abs(high)) / 100.0)))
         ends = (NONE if math.isnan(value) else fixed(value, places) for value in (low, high))
         sds = (digits(typical), digits(poor)) if trusted(verdicts, channel.column) else (NOT_TRUSTED, NOT_TRUSTED)
-        cells = (*ends, *sds, percent(known.size / values.size))
+        cells = (*ends, *sds, percent(finite.size / values.size))
         rows.append(TableRow((channel.label.replace("\n", " "), channel.unit, *cells)))
     return PageTable(
         ("quantity", "unit", "least", "greatest", "1 sigma, median", "1 sigma, 95 % below", "of the length"),
@@ -99,16 +99,16 @@ def _verdict(page: Summary, solver: Solver) -> Text:
         return Text(f"The solver did not converge: {solver.reason}. Do not trust the sigmas.", "warning")
     converged = f"The solver converged in {counted(solver.iterations, 'iteration')}."
     doubted = [_named(page.verdicts, status) for status in ("not_trusted", "widened")]
-    said = [
+    sentences = [
         f"{what}: {', '.join(names)}."
         for what, names in zip(("Not to be trusted", "Trusted with widened sigmas"), doubted, strict=True)
         if names
     ]
-    if page.verdicts and not said:
-        said = ["Every quantity can be trusted within its sigmas."]
+    if page.verdicts and not sentences:
+        sentences = ["Every quantity can be trusted within its sigmas."]
     bad = sum(finding.level != "info" for finding in page.findings)
-    said += [f"Reading the data found {counted(bad, 'thing')} to look at."] if bad else []
-    return Text(" ".join([*said, converged]), "warning" if doubted[0] else "good")
+    sentences += [f"Reading the data found {counted(bad, 'thing')} to look at."] if bad else []
+    return Text(" ".join([*sentences, converged]), "warning" if doubted[0] else "good")
 
 
 def _named(verdicts: tuple[Verdict, ...], status: str) -> list[str]:
@@ -117,14 +117,14 @@ def _named(verdicts: tuple[Verdict, ...], status: str) -> list[str]:
 
 def _trust(page: Summary) -> Iterator[PageTable]:
     """Yield what can be trusted, the worst first, and why; nothing for results of older versions."""
-    found = page.verdicts
-    if found:
+    verdicts = page.verdicts
+    if verdicts:
         rows = (
             TableRow((one.verdict, ", ".join(one.quantities)), mark="" if one.verdict == "trusted" else "warning")
-            for one in opinions(found)
+            for one in opinions(verdicts)
         )
         yield PageTable(("verdict", "quantities"), tuple(rows), caption="Can the sigmas be trusted?")
-        why = causes(found, page.findings)
+        why = causes(verdicts, page.findings)
         reasons = (TableRow((cause.reason, ", ".join(cause.quantities), cause.hint)) for cause in why)
         yield PageTable(("what is seen", "concerns", "what to do"), tuple(reasons), caption="Why?")
 
