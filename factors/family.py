@@ -56,7 +56,7 @@ def linear_rows(name: str, *data: str) -> Kernel:
         from trackfg.numerics import compiled
 
         indices = tuple(np.ascontiguousarray(slot.index, dtype=np.int64) for slot in family.slots)
-        measured = tuple(kernel_argument(family.data[own]) for own in data)
+        measured = tuple(kernel_argument(family.data[column]) for column in data)
         return compiled.linear_rows(name, states.arrays, indices, measured, kernel_argument(family.sigma), width, rows)
 
     return kernel

@@ -66,9 +66,9 @@ def across_line(feet: OnLine, lever_arm: Array, sigma: Array, loss: Loss | None)
 def _along(
     first: Nav, second: Nav, places: Array, normals: Array, correlation: Array, lever_arm: Array
 ) -> tuple[Array, tuple[Array, ...]]:
-    before, (d_before,) = _across(first, places[:, 0], normals[:, 0], lever_arm)
-    after, (d_after,) = _across(second, places[:, 1], normals[:, 1], lever_arm)
-    return after - correlation * before, (-correlation[:, :, None] * d_before, d_after)
+    first_offset, (d_first,) = _across(first, places[:, 0], normals[:, 0], lever_arm)
+    second_offset, (d_second,) = _across(second, places[:, 1], normals[:, 1], lever_arm)
+    return second_offset - correlation * first_offset, (-correlation[:, :, None] * d_first, d_second)
 
 
 def along_line(
@@ -91,11 +91,11 @@ def along_line(
 
 
 def _at_balise(odo: Odo, places: Array, which: Array, carried: Array) -> tuple[Array, tuple[Array, ...]]:
-    one = np.arange(len(odo))
+    row = np.arange(len(odo))
     d_odo, d_places = np.zeros((len(odo), 1, Kind.ODO.dim)), np.zeros((len(odo), 1, Kind.SENSOR.dim))
     d_odo[:, 0, Odo.DISTANCE] = 1.0
-    d_places[one, 0, which] = -1.0
-    return (odo.distance + carried - places[one, which])[:, None], (d_odo, d_places)
+    d_places[row, 0, which] = -1.0
+    return (odo.distance + carried - places[row, which])[:, None], (d_odo, d_places)
 
 
 def balise_passage(

@@ -62,8 +62,8 @@ def _nav_coordinates(value: Nav, origin: Nav, rpy: Array, rpy_origin: Array, rat
     angles[:, 2] -= 2.0 * np.pi * np.round(angles[:, 2] / (2.0 * np.pi))
     turn = np.einsum("mij,mj->mi", rates, angles)
     shift = np.einsum("mji,mj->mi", origin.R, value.p - origin.p)
-    before = origin.own_velocity
-    return np.concatenate([turn, shift, value.own_velocity - before - cross(before, turn)], axis=1)
+    velocity = origin.own_velocity
+    return np.concatenate([turn, shift, value.own_velocity - velocity - cross(velocity, turn)], axis=1)
 
 
 def step_from(origin: States, states: States) -> Step:
@@ -97,10 +97,10 @@ def retract_in_chart(origin: States, step: Step) -> States:
     if compiled_kernels():
         return origin.moved_by_kernel(step, in_chart=True)
     states, x = origin.moved(step), step.of(Kind.NAV)
-    turn, rpy, before = x[:, :3], rpy_from_matrix(origin.nav.R), origin.nav.own_velocity
+    turn, rpy, velocity = x[:, :3], rpy_from_matrix(origin.nav.R), origin.nav.own_velocity
     angles = rpy + np.einsum("mij,mj->mi", euler_rates(rpy), turn)
     R = matrix_from_rpy(*angles.T)
-    v = np.einsum("mij,mj->mi", R, before + x[:, 6:] + cross(before, turn))
+    v = np.einsum("mij,mj->mi", R, velocity + x[:, 6:] + cross(velocity, turn))
     return replace(states, nav=Nav(R, states.nav.p, v))
 
 
@@ -225,5 +225,7 @@ def _with_errors(family: Family, errors: Array) -> Family:
     """
     k, (A, b) = len(errors), (family.data[name][0] for name in ("A", "b"))
     rows = np.block([[np.eye(k), np.zeros((k, A.shape[1] + 1))], [-A @ errors.T, A, b[:, None]]])
-    left = np.asarray(np.linalg.qr(rows, mode="r"))[k:, k:]
-    return replace(family.with_data(A=left[None, :, :-1], b=left[None, :, -1]), sigma=np.ones((1, len(left))))
+    remainder = np.asarray(np.linalg.qr(rows, mode="r"))[k:, k:]
+    return replace(
+        family.with_data(A=remainder[None, :, :-1], b=remainder[None, :, -1]), sigma=np.ones((1, len(remainder)))
+    )

@@ -64,9 +64,9 @@ def _path(
     d_c_by_e = -mean_by_time @ skew(f)
     d_c_by_w = mean @ skew(f)
     W = imu[:, OF_GYRO_RATE].reshape(-1, 3, 3)
-    cross_axis_rate = np.einsum("mij,mj->mi", W, ahead)
+    axis_error = np.einsum("mij,mj->mi", W, ahead)
     c = np.einsum("mij,mj->mi", mean, f) + np.einsum("mij,mj->mi", d_c_by_e, e)
-    c += np.einsum("mij,mj->mi", d_c_by_w, cross_axis_rate)
+    c += np.einsum("mij,mj->mi", d_c_by_w, axis_error)
     slope = c[:, 1:] / c[:, :1]
     residual = u[:, 1:] - slope * u[:, :1]
 
@@ -84,7 +84,7 @@ def _path(
     d_first[:, :, 3:6] = across(np.broadcast_to(-np.eye(3), (m, 3, 3)))
     d_second[:, :, :3] = across(relative @ arm) + by_e
     d_second[:, :, 3:6] = across(relative)
-    d_angles = -share * across((mean + mean_by_time @ skew(e) - mean @ skew(cross_axis_rate)) @ d_f)
+    d_angles = -share * across((mean + mean_by_time @ skew(e) - mean @ skew(axis_error)) @ d_f)
     d_mount = np.concatenate([d_angles, across(relative - np.eye(3))], axis=2)
     d_imu = np.zeros((m, 2, Kind.IMU.dim))
     d_imu[:, :, OF_GYRO_RATE] = np.einsum("mri,mj->mrij", -share * across(d_c_by_w), ahead).reshape(m, 2, 9)
@@ -122,8 +122,8 @@ def follows_path(
     ``turn`` (m, 3, 3) is the gyro's rotation over the interval, ``mean`` and ``mean_by_time`` (m, 3, 3) are C and K,
     ``lever_arm`` (3,) m. sigma (m, 2), m.
     """
-    one = np.zeros_like(first)
-    slots = (Slot(Kind.NAV, first), Slot(Kind.NAV, first + 1), Slot(Kind.MOUNT, one), Slot(Kind.IMU, one))
+    zeros = np.zeros_like(first)
+    slots = (Slot(Kind.NAV, first), Slot(Kind.NAV, first + 1), Slot(Kind.MOUNT, zeros), Slot(Kind.IMU, zeros))
     turned = _Turned(turn, mean, mean_by_time, _ahead_of_a_steady_turn(turn, mean, mean_by_time))
     data = {**turned._asdict(), "lever_arm": lever_arm[None].repeat(len(first), axis=0)}
     return Family(FactorType.PATH, _path, slots, data, sigma, loss)

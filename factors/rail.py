@@ -119,8 +119,8 @@ class RailSightings:
     @property
     def data(self) -> dict[str, Array]:
         """The measurements by name, as the factors take them."""
-        own = {name: getattr(self, name) for name in _DATA}
-        return {name: values if values.ndim > 1 else values[:, None] for name, values in own.items()}
+        columns = {name: getattr(self, name) for name in _DATA}
+        return {name: values if values.ndim > 1 else values[:, None] for name, values in columns.items()}
 
 
 def same_rail(seen: RailSightings, sigma: Array, loss: Loss | None) -> tuple[Family, Family]:

@@ -87,8 +87,8 @@ def offset_in_keyframe(kind: Kind) -> int:
         return KEYFRAME_DIM + SHARED_DIM
     if kind.shared:
         return KEYFRAME_DIM + sum(k.dim for k in SHARED[: SHARED.index(kind)])
-    before = ELIMINATION_ORDER[: ELIMINATION_ORDER.index(kind)]
-    return sum(k.dim for k in before)
+    preceding = ELIMINATION_ORDER[: ELIMINATION_ORDER.index(kind)]
+    return sum(k.dim for k in preceding)
 
 
 @dataclass(frozen=True, repr=False)

@@ -74,11 +74,11 @@ def first_state_probability(z: Array, chain: Chain) -> Array:
     if compiled_kernels():
         return _in_kernel(z, chain)[0]
     matrices = _matrices(z, chain)[0]
-    before = _forward(matrices, chain)
+    forward = _forward(matrices, chain)
     reversed_ = np.swapaxes(matrices[:, :, ::-1], 0, 1)
-    after = np.ones((2, len(z)))  # M_k+1 ... M_n 1
-    after[:, :-1] = _prefix_products(reversed_)[0].sum(axis=0)[:, ::-1][:, 1:]
-    first, second = before * after
+    backward = np.ones((2, len(z)))  # M_k+1 ... M_n 1
+    backward[:, :-1] = _prefix_products(reversed_)[0].sum(axis=0)[:, ::-1][:, 1:]
+    first, second = forward * backward
     return np.asarray(first / (first + second))
 
 

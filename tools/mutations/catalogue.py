@@ -109,7 +109,7 @@ _FACTORS = (
                 "+= A[:, :, at_bias",
                 ("bias=bias + imu @", "bias=bias - imu @"),
             ),
-            _one("velocities are not compared in the vehicle's own axes", "- cross(before, turn)", "- 0.0 * turn"),
+            _one("velocities are not compared in the vehicle's own axes", "- cross(velocity, turn)", "- 0.0 * turn"),
             _one("a jump along the track is known to a sigma", "Odo.DISTANCE] = sd_m", "Odo.DISTANCE] = 1.0"),
         ),
     ),
@@ -180,9 +180,9 @@ _FACTORS = (
             ),
             _one(
                 "errors of a line do not last",
-                "after - correlation * before",
-                "after - 0.0 * correlation * before",
-                ("-correlation[:, :, None] * d_before", "-0.0 * correlation[:, :, None] * d_before"),
+                "second_offset - correlation * first_offset",
+                "second_offset - 0.0 * correlation * first_offset",
+                ("-correlation[:, :, None] * d_first", "-0.0 * correlation[:, :, None] * d_first"),
             ),
             _one("a balise is passed before its time", "odo.distance + carried", "odo.distance - carried"),
         ),
@@ -351,8 +351,8 @@ _SOLVER = (
             _one("signs of rows are left as they come", "return R * sign[..., None], sign", "return R, sign"),
             _one(
                 "what is left of shared variables is lost",
-                "alone.append(rest[after:, ",
-                "alone.append(0 * rest[after:, ",
+                "alone.append(rest[next_height:, ",
+                "alone.append(0 * rest[next_height:, ",
             ),
         ),
     ),
@@ -468,7 +468,7 @@ _OUTPUT = (
         "trackfg/output/dense_motion.py",
         ("tests/trackfg/output/test_dense_motion.py",),
         (
-            _one("what is left of the turn is put in all at once", "left[:, i] * rows.f)", "left[:, i])"),
+            _one("what is left of the turn is put in all at once", "closure[:, i] * rows.f)", "closure[:, i])"),
             _one("the gyro's bias is added", "/ rows.dt - bias[i, 3:]", "/ rows.dt + bias[i, 3:]"),
             _one("what is left of the velocity is taken away", "left_v[i] * u[:, None]", "left_v[i] * -u[:, None]"),
         ),
@@ -593,7 +593,7 @@ _SENSORS = (
             _one("sculling is left out", "change += 0.5 * cross(turn, change)", "change += 0.0 * cross(turn, change)"),
             _one(
                 "the turn inside a group is left out",
-                "matrix_from_quaternion(before), change)",
+                "matrix_from_quaternion(running), change)",
                 "np.broadcast_to(np.eye(3), (len(change), 3, 3)), change)",
             ),
             _one(
@@ -807,10 +807,12 @@ _STREAMING = (
         (
             _one(
                 "a count over the end of its range turns back",
-                "(reach, before - counted)",
-                "(reach, counted - before)",
+                "(reach, previous - counted)",
+                "(reach, counted - previous)",
             ),
-            _one("a count out of a range goes over its end", "max(abs(before), abs(counted)) < reach and", "True and"),
+            _one(
+                "a count out of a range goes over its end", "max(abs(previous), abs(counted)) < reach and", "True and"
+            ),
         ),
     ),
     Part(

@@ -64,14 +64,14 @@ class DenseMotion:
         width = (self.t[i + 1] - self.t[i])[:, None]
         tau = t[:, None] - self.t[i][:, None]
         f = tau / width
-        here, there = self.nav[i], self.nav[i + 1]
-        turn = so3_log(np.swapaxes(here.R, 1, 2) @ there.R)
+        row, next_row = self.nav[i], self.nav[i + 1]
+        turn = so3_log(np.swapaxes(row.R, 1, 2) @ next_row.R)
         nav = Nav(
-            here.R @ so3_exp(f * turn),
-            here.p + f * (there.p - here.p) - 0.5 * tau * (width - tau) / width * (there.v - here.v),
-            here.v + f * (there.v - here.v),
+            row.R @ so3_exp(f * turn),
+            row.p + f * (next_row.p - row.p) - 0.5 * tau * (width - tau) / width * (next_row.v - row.v),
+            row.v + f * (next_row.v - row.v),
         )
-        slow, fast = (np.sum(side.v * (side.R @ self.forward), axis=1) for side in (here, there))
+        slow, fast = (np.sum(side.v * (side.R @ self.forward), axis=1) for side in (row, next_row))
         bend = 0.5 * tau[:, 0] * (1.0 - f[:, 0]) * (fast - slow)
         distance = self.distance[i] + f[:, 0] * (self.distance[i + 1] - self.distance[i]) - bend
         keyframe = self.keyframe[i]
@@ -174,10 +174,10 @@ def _attitude(rows: _Rows, start: Nav, end: Nav, rate: Array, turning: Array) ->
     turned, whole = running_turn(rows.starts, rate * rows.dt)
     first = quaternion(start.R).T
     arrived = quaternion_product(quaternion_product(quaternion_exp(-(turning * span).T), first), whole)
-    left = quaternion_log(quaternion_product(arrived * _CONJUGATE, quaternion(end.R).T))
+    closure = quaternion_log(quaternion_product(arrived * _CONJUGATE, quaternion(end.R).T))
     frame = quaternion_exp(-turning.T[:, i] * rows.since[:, 0])
     attitude = quaternion_product(quaternion_product(frame, first[:, i]), turned)
-    return matrix_from_quaternion(quaternion_product(attitude, quaternion_exp(left[:, i] * rows.f)))
+    return matrix_from_quaternion(quaternion_product(attitude, quaternion_exp(closure[:, i] * rows.f)))
 
 
 def _path(

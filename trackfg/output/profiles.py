@@ -84,8 +84,8 @@ class Profile:
 
 def profiles(run: RunContext, motion: DenseMotion, states: States) -> list[Profile]:
     """Return all passes of a sensor that follows the track, but those too short to hold a chord."""
-    found = [_profile(run, motion, states, stretch) for stretch in passes(states.odo.distance)]
-    return [profile for profile in found if profile is not None]
+    candidates = [_profile(run, motion, states, stretch) for stretch in passes(states.odo.distance)]
+    return [profile for profile in candidates if profile is not None]
 
 
 @dataclass(frozen=True)
@@ -181,6 +181,6 @@ def lateral_of(east: Array, north: Array, step_m: float) -> tuple[Array, Array]:
     index = np.arange(len(heading))
     heading = np.interp(index, index[known], heading[known]) if known.any() else np.zeros(len(heading))
     u = np.concatenate([[0.0], np.cumsum((heading - heading.mean()) * step_m)])
-    here = np.concatenate([heading[:1], 0.5 * (heading[1:] + heading[:-1]), heading[-1:]])
-    left = np.column_stack([-np.sin(here), np.cos(here), np.zeros(len(here))])
+    node_heading = np.concatenate([heading[:1], 0.5 * (heading[1:] + heading[:-1]), heading[-1:]])
+    left = np.column_stack([-np.sin(node_heading), np.cos(node_heading), np.zeros(len(node_heading))])
     return np.where(np.isfinite(east), u, np.nan), left

@@ -51,12 +51,12 @@ def seen_profiles(
 
 def rail_profiles(run: RunContext, motion: DenseMotion, states: States, views: list[RailView]) -> list[Profile]:
     """Return all passes on which both rails were seen, but those too short to hold a chord."""
-    found = [
+    candidates = [
         _profile(run, motion, views, stretch)
         for stretch in passes(states.odo.distance)
         if run.t[stretch.last] > run.t[stretch.first]
     ]
-    return [profile for profile in found if profile is not None]
+    return [profile for profile in candidates if profile is not None]
 
 
 def _profile(run: RunContext, motion: DenseMotion, views: list[RailView], stretch: Pass) -> Profile | None:
@@ -64,16 +64,18 @@ def _profile(run: RunContext, motion: DenseMotion, views: list[RailView], stretc
     ascents = [Ascent.of(run, motion, stretch, view.along_m) for view in views]
     if not all(ascent.holds_profile(step_m) for ascent in ascents):
         return None
-    seen = [_Sight.of(run, motion, view, ascent) for view, ascent in zip(views, ascents, strict=True)]
-    first = max(sight.cell[0] for sight in seen)
-    last = min(sight.cell[-1] for sight in seen)
+    sights = [_Sight.of(run, motion, view, ascent) for view, ascent in zip(views, ascents, strict=True)]
+    first = max(sight.cell[0] for sight in sights)
+    last = min(sight.cell[-1] for sight in sights)
     if (last - first) * step_m < SHORTEST_PASS_M:
         return None
     cell = np.arange(first, last + 1)
     by_side: dict[Side, Array] = {}
     for side in SIDES:
-        own = [sight.points[:, first - sight.cell[0] :][:, : len(cell)] for sight in seen if sight.view.side == side]
-        by_side[side] = np.mean(own, axis=0)
+        of_side = [
+            sight.points[:, first - sight.cell[0] :][:, : len(cell)] for sight in sights if sight.view.side == side
+        ]
+        by_side[side] = np.mean(of_side, axis=0)
     # Facing increasing chainage: against it, what is left of the vehicle is right.
     left, right = by_side["left"], by_side["right"]
     if run.direction < 0:
@@ -85,7 +87,7 @@ def _profile(run: RunContext, motion: DenseMotion, views: list[RailView], stretc
         "left": (left[2], lateral_of(left[0], left[1], step_m)[0]),
         "right": (right[2], lateral_of(right[0], right[1], step_m)[0]),
     }
-    made = [_view(run, sight, cell * step_m, leftward) for sight in seen]
+    made = [_view(run, sight, cell * step_m, leftward) for sight in sights]
     return Profile(
         cell=cell,
         speed=made[0][1],

@@ -123,8 +123,8 @@ class _Columns:
             offset = 1e3 * self.meaning.cross_level_base_m * self.run.mount_roll_sd
             sigmas["cross_level_mm"] = np.hypot(sigmas["cross_level_mm"], offset)
         columns = place | values
-        known = {f"{name}_sd": np.where(np.isnan(columns[name]), np.nan, sd) for name, sd in sigmas.items()}
-        return columns | known
+        sd_columns = {f"{name}_sd": np.where(np.isnan(columns[name]), np.nan, sd) for name, sd in sigmas.items()}
+        return columns | sd_columns
 
     def _points(self, shapes: Shapes, step_m: float) -> dict[str, Array]:
         """Return the quantities of one place or a few, in the columns' units, from shapes (..., n)."""

@@ -88,11 +88,11 @@ def _by_kernel(
 
     nav, out = motion.nav, np.empty((len(motion.t), len(_COLUMNS)))
     moves = (nav.R, nav.p, nav.v, motion.gyro, motion.distance, motion.fraction, motion.gyro_span)
-    known = (run.t, run.noise.accel, run.noise.gyro, variance, spread[:, QUANTITIES.index("speed_mps"), _POINT])
+    inputs = (run.t, run.noise.accel, run.noise.gyro, variance, spread[:, QUANTITIES.index("speed_mps"), _POINT])
     of_point = covariance.of_shared[_SHARED_POINT, _SHARED_POINT]
     compiled.trajectory_rows(
         tuple(map(kernel_argument, moves)),
-        tuple(map(kernel_argument, known)),
+        tuple(map(kernel_argument, inputs)),
         *(kernel_argument(states.mount[0]), kernel_argument(run.lever_arm), float(run.direction)),
         *(kernel_argument(of_point), np.ascontiguousarray(motion.keyframe, dtype=np.int64), out),
     )
@@ -104,13 +104,13 @@ def calibration_table(response: Array, motion: DenseMotion, states: States, cova
 
     ``response`` (n, 6, dim) is the derivative of each keyframe's bias by the IMU's calibration.
     """
-    own = states.bias - response @ states.imu[0]
+    sensor_bias = states.bias - response @ states.imu[0]
     J = np.zeros((len(states), 7, KEYFRAME_DIM + SHARED_DIM))
     odo, bias, imu = (offset_in_keyframe(kind) for kind in (Kind.ODO, Kind.BIAS, Kind.IMU))
     J[:, 0, odo + Odo.SCALE] = 1.0
     J[:, 1:, bias : bias + 6] = np.eye(6)
     J[:, 1:, imu : imu + Kind.IMU.dim] = -response
-    values = np.column_stack([states.odo.scale, own])
+    values = np.column_stack([states.odo.scale, sensor_bias])
     variance = np.einsum("nij,nij->ni", covariance.propagated(J), J)
     names = ["wheel_scale"]
     names += [f"accel_bias_{axis}_mps2" for axis in "xyz"] + [f"gyro_bias_{axis}_radps" for axis in "xyz"]

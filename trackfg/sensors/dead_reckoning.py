@@ -102,16 +102,16 @@ def _low_pass(x: Array) -> Array:
     recursion = np.stack([np.ones(len(x)), np.full(len(x), -decay)])  # y_k - decay y_{k-1} = x_k, as a banded system
 
     def weighted(y: Array) -> Array:
-        before = solve_banded((1, 0), recursion, y)
-        after = solve_banded((1, 0), recursion, y[::-1])[::-1]
-        return np.asarray(before + after - y)
+        forward = solve_banded((1, 0), recursion, y)
+        backward = solve_banded((1, 0), recursion, y[::-1])[::-1]
+        return np.asarray(forward + backward - y)
 
     t: Array = _GRID_S / _CROSSOVER_S * np.arange(len(x), dtype=np.float64)[:, None]
-    one, by_t, by_t2 = weighted(np.ones_like(t)), weighted(t), weighted(t * t)
-    s1, s2 = by_t - t * one, by_t2 - 2.0 * t * by_t + t * t * one
+    by_one, by_t, by_t2 = weighted(np.ones_like(t)), weighted(t), weighted(t * t)
+    s1, s2 = by_t - t * by_one, by_t2 - 2.0 * t * by_t + t * t * by_one
     x0 = weighted(x)
     x1 = weighted(t * x) - t * x0
-    return np.asarray((s2 * x0 - s1 * x1) / (s2 * one - s1 * s1))
+    return np.asarray((s2 * x0 - s1 * x1) / (s2 * by_one - s1 * s1))
 
 
 def _speed(recording: Recording, wheel: Wheel | None, t: Array) -> tuple[Array, Array]:

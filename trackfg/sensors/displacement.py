@@ -53,9 +53,9 @@ class Channel:
         at = np.interp(t, self.t, self.displacement)
         mean = np.where(high > low, total / np.where(high > low, high - low, 1.0), at)
         near = np.searchsorted(self.t, t).clip(1, len(self.t) - 1)
-        before, after = self.t[near - 1], self.t[near]
+        lower, upper = self.t[near - 1], self.t[near]
         longest = _HOLE_READINGS / self.rate_hz
-        known = (after - before <= longest) & (t >= before - longest) & (t <= after + longest)
+        known = (upper - lower <= longest) & (t >= lower - longest) & (t <= upper + longest)
         return np.where(known, mean, np.nan)
 
     def mean_sd(self, window_s: float) -> float:
@@ -106,9 +106,9 @@ def rail_views(recording: Recording) -> list[RailView]:
     lasers = recording.description.laser
     for along in sorted({laser.position_m[0] for laser in lasers}, reverse=True):
         for side in SIDES:
-            here = {laser.axis: laser for laser in lasers if laser.position_m[0] == along and laser.rail == side}
-            if here:
-                lateral, vertical = (_channel(recording, here.get(axis)) for axis in ("y", "z"))
+            by_axis = {laser.axis: laser for laser in lasers if laser.position_m[0] == along and laser.rail == side}
+            if by_axis:
+                lateral, vertical = (_channel(recording, by_axis.get(axis)) for axis in ("y", "z"))
                 views.append(RailView(side, along, lateral, vertical, recording.description.track.head_m))
     return views
 

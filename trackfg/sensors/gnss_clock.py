@@ -103,8 +103,8 @@ def _windows(gnss: Array, edges: Array, path: Array) -> list[tuple[Array, Array]
             continue
         # What the positions see of the path at any of the offsets.
         first, last = t[inside][[0, -1]]
-        seen = np.interp([first + _REACH_S, last - _REACH_S], edges, path)
-        if first + 2.0 * _REACH_S < last and abs(seen[1] - seen[0]) > _SHORTEST_M:
+        ends = np.interp([first + _REACH_S, last - _REACH_S], edges, path)
+        if first + 2.0 * _REACH_S < last and abs(ends[1] - ends[0]) > _SHORTEST_M:
             windows.append((t[inside], z[inside]))
     return windows
 
@@ -115,15 +115,15 @@ def _cost(lags: Array, t: Array, z: Array, edges: Array, columns: Sequence[Array
     ``weights`` are those of priors at 0 of their parameters, of the noise of a position over that of the parameter.
     """
     at = t[None] + lags[:, None]
-    seen = [np.interp(at, edges, column) for column in columns]
-    A = np.stack([np.ones_like(seen[0]), *(column - column[:, :1] for column in seen)], axis=2)
+    samples = [np.interp(at, edges, column) for column in columns]
+    A = np.stack([np.ones_like(samples[0]), *(column - column[:, :1] for column in samples)], axis=2)
     priors = np.diag([0.0, *weights])[np.array([0.0, *weights]) > 0.0]
     A = np.concatenate([A, np.broadcast_to(priors, (len(lags), *priors.shape))], axis=1)
     Q, _ = np.linalg.qr(A / np.linalg.norm(A, axis=1, keepdims=True))
     z = np.concatenate([z - z[0], np.zeros(len(priors))])
     centred = np.broadcast_to(z, (len(lags), len(z)))[:, :, None]
-    left = centred - Q @ (np.conj(np.swapaxes(Q, 1, 2)) @ centred)
-    return np.asarray(len(t) * np.log(np.sum(np.abs(left[:, :, 0]) ** 2, axis=1) + 1e-12))
+    residual = centred - Q @ (np.conj(np.swapaxes(Q, 1, 2)) @ centred)
+    return np.asarray(len(t) * np.log(np.sum(np.abs(residual[:, :, 0]) ** 2, axis=1) + 1e-12))
 
 
 def _best(lags: Array, costs: Array) -> GnssClock | None:

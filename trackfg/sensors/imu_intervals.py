@@ -155,12 +155,14 @@ def compress(data: Intervals, starts: np.ndarray, gyro_bias: Array = _NO_BIAS) -
         from trackfg.numerics import compiled
 
         count = len(starts) - 1
-        own = Increments(np.empty(count), np.empty((count, 3)), np.empty((count, 3)))
+        increments = Increments(np.empty(count), np.empty((count, 3)), np.empty((count, 3)))
         part = data.take(slice(int(starts[0]), int(starts[-1])))  # what is not laid out by rows is copied
         edges, gyro, accel, bias = map(kernel_argument, (part.edges, part.gyro, part.accel, gyro_bias))
         groups = (starts - starts[0]).astype(np.int64)
-        compiled.compress(edges, gyro, accel, groups, bias, own.duration, own.rotation, own.velocity)
-        return own
+        compiled.compress(
+            edges, gyro, accel, groups, bias, increments.duration, increments.rotation, increments.velocity
+        )
+        return increments
     first, counts = starts[:-1], np.diff(starts)
     duration = np.diff(data.edges[starts])
     if counts.max(initial=0) <= 1:
@@ -170,8 +172,8 @@ def compress(data: Intervals, starts: np.ndarray, gyro_bias: Array = _NO_BIAS) -
     turn = (data.gyro[starts[0] : starts[-1]] - gyro_bias) * dt
     change = data.accel[starts[0] : starts[-1]] * dt
     change += 0.5 * cross(turn, change)
-    before, whole = running_turn(starts - starts[0], turn)
-    velocity = np.add.reduceat(np.einsum("mij,mj->mi", matrix_from_quaternion(before), change), first - starts[0])
+    running, whole = running_turn(starts - starts[0], turn)
+    velocity = np.add.reduceat(np.einsum("mij,mj->mi", matrix_from_quaternion(running), change), first - starts[0])
     return Increments(duration, quaternion_log(whole).T + duration[:, None] * gyro_bias, velocity)
 
 
@@ -184,8 +186,8 @@ def running_turn(starts: np.ndarray, vectors: Array) -> tuple[Array, Array]:
     w, x, y, z = quaternion_exp(vectors.T)
     steps = w + 1j * x, y + 1j * z
     longest = int(counts.max(initial=0))
-    before, whole = (_by_doubling if len(first) < longest else _one_by_one)(first, counts, steps)
-    return _components(*before), _components(*whole)
+    running, whole = (_by_doubling if len(first) < longest else _one_by_one)(first, counts, steps)
+    return _components(*running), _components(*whole)
 
 
 _Pair = tuple[NDArray[np.complex128], NDArray[np.complex128]]
@@ -204,15 +206,15 @@ def _components(a: NDArray[np.complex128], b: NDArray[np.complex128]) -> Array:
 def _one_by_one(first: np.ndarray, counts: np.ndarray, steps: _Pair) -> tuple[_Pair, _Pair]:
     """Many short groups: the first of all, then the second of all, and so on."""
     longest, all_alike = int(counts.max(initial=0)), bool((counts[1:] == counts[:-1]).all())
-    before = np.empty_like(steps[0]), np.empty_like(steps[1])
+    running = np.empty_like(steps[0]), np.empty_like(steps[1])
     now = np.ones(len(first), dtype=np.complex128), np.zeros(len(first), dtype=np.complex128)
     for i in range(longest):
         live = slice(None) if all_alike else np.flatnonzero(counts > i)
         row = slice(i, None, longest) if all_alike else first[live] + i
-        here = now[0][live], now[1][live]
-        before[0][row], before[1][row] = here
-        now[0][live], now[1][live] = _product(here, (steps[0][row], steps[1][row]))
-    return before, now
+        current = now[0][live], now[1][live]
+        running[0][row], running[1][row] = current
+        now[0][live], now[1][live] = _product(current, (steps[0][row], steps[1][row]))
+    return running, now
 
 
 def _by_doubling(first: np.ndarray, counts: np.ndarray, steps: _Pair) -> tuple[_Pair, _Pair]:
@@ -224,10 +226,10 @@ def _by_doubling(first: np.ndarray, counts: np.ndarray, steps: _Pair) -> tuple[_
         near = far - reach
         a[far], b[far] = _product((a[near], b[near]), (a[far], b[far]))
         reach *= 2
-    before, later = (np.ones_like(a), np.zeros_like(b)), np.flatnonzero(since > 0)
-    before[0][later], before[1][later] = a[later - 1], b[later - 1]
+    running, later = (np.ones_like(a), np.zeros_like(b)), np.flatnonzero(since > 0)
+    running[0][later], running[1][later] = a[later - 1], b[later - 1]
     last = first + counts - 1
-    return before, (a[last], b[last])
+    return running, (a[last], b[last])
 
 
 @dataclass(frozen=True)
@@ -258,18 +260,18 @@ def turning(data: Intervals, keyframes: np.ndarray, gyro_bias: Array, distance: 
     first, counts = keyframes[:-1], np.diff(keyframes)
     span, length = np.diff(data.edges[keyframes]), np.diff(distance[keyframes])
     moving = np.abs(length) > AT_REST_M
-    own, within = np.repeat(np.arange(len(first)), counts), slice(keyframes[0], keyframes[-1])
+    interval, within = np.repeat(np.arange(len(first)), counts), slice(keyframes[0], keyframes[-1])
     edges = data.edges[keyframes[0] : keyframes[-1] + 1]
-    dt, gone = np.diff(edges), np.diff(distance[keyframes[0] : keyframes[-1] + 1])
-    before, whole = running_turn(keyframes - keyframes[0], (data.gyro[within] - gyro_bias) * dt[:, None])
+    dt, path_steps = np.diff(edges), np.diff(distance[keyframes[0] : keyframes[-1] + 1])
+    running, whole = running_turn(keyframes - keyframes[0], (data.gyro[within] - gyro_bias) * dt[:, None])
     # Weights of the attitude before each sample: half of the sample's share, and half of that of the one before it.
-    share = np.where(moving[own], gone / np.where(moving, length, 1.0)[own], dt / span[own])
-    late = (edges[:-1] - data.edges[first][own]) / span[own]
+    share = np.where(moving[interval], path_steps / np.where(moving, length, 1.0)[interval], dt / span[interval])
+    late = (edges[:-1] - data.edges[first][interval]) / span[interval]
     start = first - keyframes[0]
     weight = 0.5 * (share + np.append(0.0, share[:-1]))
     weight[start] = 0.5 * share[start]
     last = np.append(start[1:], len(share)) - 1
-    R, end, at_end = matrix_from_quaternion(before), matrix_from_quaternion(whole), 0.5 * share[last][:, None, None]
+    R, end, at_end = matrix_from_quaternion(running), matrix_from_quaternion(whole), 0.5 * share[last][:, None, None]
     R *= weight[:, None, None]
     mean = np.add.reduceat(R, start) + at_end * end
     R *= late[:, None, None]
@@ -295,9 +297,9 @@ def increment_starts(
     offset = np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)
     starts = np.append(np.repeat(edges[:-1], counts) + group * offset, edges[-1])
     if times is not None:
-        before = np.clip(np.searchsorted(data.edges, times + 1e-9, side="right") - 1, 0, len(data))
-        after = np.minimum(before + 1, len(data))
+        lower = np.clip(np.searchsorted(data.edges, times + 1e-9, side="right") - 1, 0, len(data))
+        upper = np.minimum(lower + 1, len(data))
         here = np.zeros(len(data) + 1, dtype=bool)
-        here[starts] = here[before] = here[after[data.edges[before] < times - 1e-9]] = True
+        here[starts] = here[lower] = here[upper[data.edges[lower] < times - 1e-9]] = True
         starts = np.flatnonzero(here)
     return starts, np.searchsorted(starts, edges)

@@ -200,10 +200,10 @@ class NoiseFloor:
         if compiled_kernels():
             from trackfg.numerics import compiled
 
-            t, knots, seen = map(kernel_argument, (t, self.knots, self.seen))
+            t, knots, level = map(kernel_argument, (t, self.knots, self.seen))
             lost_t, lost, shock_t, shock = map(kernel_argument, (self.lost_t, self.lost, self.shock_t, self.shock))
             variance = np.empty((len(span), 6))
-            compiled.white_noise(t, knots, seen, declared, CLEARLY, lost_t, lost, shock_t, shock, variance)
+            compiled.white_noise(t, knots, level, declared, CLEARLY, lost_t, lost, shock_t, shock, variance)
             return WhiteNoise.of_variance(variance)
         white = np.where(self.seen > CLEARLY * declared, self.seen, declared)
         total = np.concatenate([np.zeros((1, 6)), np.cumsum(white * np.diff(self.knots)[:, None], axis=0)])
@@ -345,15 +345,15 @@ class _Blocks:
 
         data, count = self.data, len(self.data)
         edges, gyro, accel = map(kernel_argument, (data.edges, data.gyro, data.accel))
-        seen, lost, shock = np.empty((len(self.starts), 6)), np.empty((count, 6)), np.empty((count, 6))
+        floor, lost, shock = np.empty((len(self.starts), 6)), np.empty((count, 6)), np.empty((count, 6))
         lost_rows, shock_rows = np.empty((2, count), dtype=np.int64)
-        found, shown = compiled.noise_floor(
+        lost_count, shown = compiled.noise_floor(
             *(edges, gyro, accel, np.ascontiguousarray(data.bridged), self.starts, self.length, self.dt),
-            *(NOISE_LIMITS, seen, lost_rows, lost, shock_rows, shock),
+            *(NOISE_LIMITS, floor, lost_rows, lost, shock_rows, shock),
         )
         rows = shock_rows[:shown]
         shock_t = 0.5 * (data.edges[rows] + data.edges[rows + 1])
-        return seen, data.edges[lost_rows[:found]], lost[:found].copy(), shock_t, shock[:shown].copy()
+        return floor, data.edges[lost_rows[:lost_count]], lost[:lost_count].copy(), shock_t, shock[:shown].copy()
 
     def samples(self, blocks: np.ndarray | slice) -> Array:
         """Return the samples of some blocks, shape (blocks, 6, length)."""
@@ -399,10 +399,10 @@ class _Blocks:
         cut_off = self._cut_off()
         rows = np.flatnonzero((longer > 0.0) | cut_off.any(axis=0))
         lost = np.maximum(longer[rows, None], self.dt * cut_off[:, rows].T)
-        blocks, own = np.unique(self._block_of(rows), return_inverse=True)
+        blocks, block_of_row = np.unique(self._block_of(rows), return_inverse=True)
         near = self.samples(blocks)
         furthest = np.abs(near - np.median(near, axis=2, keepdims=True)).max(axis=2)
-        return self.data.edges[rows], lost * furthest[own]
+        return self.data.edges[rows], lost * furthest[block_of_row]
 
     def _block_of(self, rows: np.ndarray) -> np.ndarray:
         """Return the block in whose middle each sample is."""

@@ -145,8 +145,8 @@ def _scored(z: Array, shapes: Array, heat: Array | None) -> tuple[Array, float, 
         norms = np.linalg.norm(scale, axis=0)
         wanted = nnls(scale / norms, rest**2 / V)[0] / norms
         wanted[0] = max(wanted[0], 1e-3 * a[0])  # all of a power may not vanish
-        before, step = _cost(V, rest), 1.0
-        while step > _SETTLED and _cost(shapes @ (a + step * (wanted - a)), rest) > before + _SETTLED:
+        cost, step = _cost(V, rest), 1.0
+        while step > _SETTLED and _cost(shapes @ (a + step * (wanted - a)), rest) > cost + _SETTLED:
             step *= 0.5
         a = a + step * (wanted - a)
         if np.max(np.abs(shapes @ a - V) / V) < _SETTLED:

@@ -115,14 +115,14 @@ def find_standstills(
         description = recording.description.tach
         integrates_speed = description is not None and description.integrates_speed
         record = (float(samples.t[0]), float(samples.t[-1]))
-        found = tach_rests(
+        tach_spans = tach_rests(
             tach,
             record,
             integrates_speed=integrates_speed,
             silent_at_rest=silent_at_rest,
             quantum_m=quantum_m,
         )
-        spans = _confirmed(samples, found.spans[_felt(samples, found)], noise_hides_starts=integrates_speed)
+        spans = _confirmed(samples, tach_spans.spans[_felt(samples, tach_spans)], noise_hides_starts=integrates_speed)
     lasting = [(begin, end) for begin, end in spans if end - begin >= min_duration_s]
     return np.array(lasting, dtype=np.float64).reshape(-1, 2)
 
@@ -220,8 +220,8 @@ class _Blocks:
         moves = gained.any(axis=2)
         block = float(self.edges[first + 1] - self.edges[first])
         kept = np.where(moves.any(axis=1), block * (moves.argmax(axis=1) / _PIECES - 1.0), 2.0 * block)
-        before, after = (2.0 * block - kept).tolist()
-        return begin + before, stop - after
+        head, tail = (2.0 * block - kept).tolist()
+        return begin + head, stop - tail
 
 
 def _confirmed(samples: _Samples, candidates: Array, *, noise_hides_starts: bool = False) -> list[Span]:
@@ -324,11 +324,11 @@ def _gnss_stays(gnss: pd.DataFrame | None, span: Span) -> bool:
     """
     if gnss is None:
         return True
-    seen = gnss[gnss["t_s"].between(*span)]
-    if len(seen) < 2:
+    fixes = gnss[gnss["t_s"].between(*span)]
+    if len(fixes) < 2:
         return False
-    place, sd = seen[["east_m", "north_m"]].to_numpy(), seen[["east_sd_m", "north_sd_m"]].to_numpy()
-    t = seen["t_s"].to_numpy()
+    place, sd = fixes[["east_m", "north_m"]].to_numpy(), fixes[["east_sd_m", "north_sd_m"]].to_numpy()
+    t = fixes["t_s"].to_numpy()
     # least squares: the speed of a line through the positions has the variance 1 / sum((t - mean t)^2 / sd^2)
     if np.linalg.norm((t - t.mean()) / sd.max(axis=1)) < 3.0 / _CRAWL_MPS:
         return False

@@ -216,8 +216,8 @@ def _drift_and_error(terms: Array, off: Array, declared_sd: float, by_gyro_sd: f
     size = max(1, round(_KINEMATIC_S / median_interval(terms[:, 1])))
     fit = partial(cauchy_fit, terms, off, least_sd=_LEAST_TILT_SD)
     free = np.array([np.inf, np.inf, _TILT_SD])
-    found, _ = fit(prior_sd=free, per_value=size)
-    fit = partial(fit, per_value=size * _spans_per_value(terms, off - terms @ found, size))
+    coefficients, _ = fit(prior_sd=free, per_value=size)
+    fit = partial(fit, per_value=size * _spans_per_value(terms, off - terms @ coefficients, size))
     (_, _, error), sd = fit(prior_sd=free)
     usual = _OUTLIER_SIGMAS * float(np.linalg.norm([declared_sd, by_gyro_sd, sd[2]]))
     level = abs(error) if abs(error) > usual else 0.0

@@ -98,8 +98,8 @@ class Wheel(Outlined):
 
     def with_speed_noise(self, noise_mps: float) -> Wheel:
         """Return the same with white noise of the speed, m/s in 1 s, besides what is known of it."""
-        before = np.zeros(len(self.t)) if self.grown is None else self.grown
-        return replace(self, grown=before + noise_mps**2 * (self.t - self.t[0]))
+        variance = np.zeros(len(self.t)) if self.grown is None else self.grown
+        return replace(self, grown=variance + noise_mps**2 * (self.t - self.t[0]))
 
     def standing(self, rests: Array) -> Wheel:
         """Return the same without what the noise of a speed signal adds up to in rests (r, 2), s."""

@@ -128,9 +128,9 @@ def _silences(t: Array, distance: Array, quantum: float) -> tuple[Array, Array]:
     """Return the spans (m, 2), s, in which a count does not move, and what is to be taken off their ends (m, 2), s."""
     step = np.diff(distance)
     moved = np.flatnonzero(step)
-    after, before = step[moved][1:], step[moved][:-1]
+    following, preceding = step[moved][1:], step[moved][:-1]
     # To and fro: one of the neighbours takes it back, and none of them goes on.
-    back, onwards = np.abs(after + before) < 1e-3 * quantum, after * before > 0.0
+    back, onwards = np.abs(following + preceding) < 1e-3 * quantum, following * preceding > 0.0
     moved = moved[~_either(back, len(moved)) | _either(onwards, len(moved))]
     # From the end of one row interval with motion to the start of the next.
     edges = np.stack([np.append(t[0], t[moved + 1]), np.append(t[moved], t[-1])], axis=1)

@@ -34,15 +34,15 @@ def along_arcs(before: States, moved: States) -> States:
     return replace(moved, nav=Nav(new.R, p, _turned(old.v, new.v)))
 
 
-def _turned(before: Array, after: Array) -> Array:
-    """Return vectors (m, 3) that are turned from ``before`` towards ``after``, which is straight from there."""
-    length = np.linalg.norm(before, axis=1, keepdims=True)
-    change = after - before
+def _turned(vector: Array, target: Array) -> Array:
+    """Return vectors (m, 3) that are turned from ``vector`` towards ``target``, which is straight from there."""
+    length = np.linalg.norm(vector, axis=1, keepdims=True)
+    change = target - vector
     with np.errstate(divide="ignore", invalid="ignore"):  # what has no length or is not turned stays straight
-        direction = before / length
+        direction = vector / length
         along = np.sum(change * direction, axis=1, keepdims=True)
         across = change - along * direction
         turn = np.linalg.norm(across, axis=1, keepdims=True)
         angle = turn / length
         turned = (length + along) * (np.cos(angle) * direction + np.sin(angle) * across / turn)
-        return np.where((turn > 0.0) & (angle < _WIDEST) & (along > -length), turned, after)
+        return np.where((turn > 0.0) & (angle < _WIDEST) & (along > -length), turned, target)

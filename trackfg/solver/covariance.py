@@ -68,9 +68,9 @@ class Covariance(Outlined):
 
     def at(self, keyframes: int | slice | np.ndarray) -> Array:
         """Return the covariances of z_k of some keyframes, (m, d, d), or of one, (d, d)."""
-        own, dim = self.of_keyframes[keyframes], KEYFRAME_DIM
-        whole = np.empty((*own.shape[:-2], own.shape[-1], own.shape[-1]))
-        whole[..., :dim, :], whole[..., dim:, :dim] = own, own[..., dim:].swapaxes(-1, -2)
+        blocks, dim = self.of_keyframes[keyframes], KEYFRAME_DIM
+        whole = np.empty((*blocks.shape[:-2], blocks.shape[-1], blocks.shape[-1]))
+        whole[..., :dim, :], whole[..., dim:, :dim] = blocks, blocks[..., dim:].swapaxes(-1, -2)
         whole[..., dim:, dim:] = self.of_shared
         return whole
 
@@ -83,8 +83,8 @@ class Covariance(Outlined):
         if not kind.shared:
             return self.of_keyframes[:, start : start + kind.dim, start : start + kind.dim]
         start -= KEYFRAME_DIM
-        own = slice(start, None if kind is Kind.SENSOR else start + kind.dim)
-        return self.of_shared[None, own, own]
+        columns = slice(start, None if kind is Kind.SENSOR else start + kind.dim)
+        return self.of_shared[None, columns, columns]
 
     def rows(self, keyframes: np.ndarray, rows: np.ndarray) -> Array:
         """Return rows (r,) of the covariances of z_k of some keyframes, (m, r, d)."""
@@ -99,10 +99,10 @@ class Covariance(Outlined):
     def propagated(self, J: Array) -> Array:
         """Return the covariances of ``J z_k`` with the first of the z_k, as many as the columns of J (n, r, c)."""
         size, dim = J.shape[2], KEYFRAME_DIM
-        own = self.of_keyframes[:, :, :size]
-        out = J[:, :, :dim] @ own
+        blocks = self.of_keyframes[:, :, :size]
+        out = J[:, :, :dim] @ blocks
         if size > dim:
-            out[:, :, :dim] += J[:, :, dim:] @ own[:, :, dim:].swapaxes(1, 2)
+            out[:, :, :dim] += J[:, :, dim:] @ blocks[:, :, dim:].swapaxes(1, 2)
             out[:, :, dim:] += J[:, :, dim:] @ self.of_shared[: size - dim, : size - dim]
         return np.asarray(out)
 
@@ -133,7 +133,7 @@ class _Window(NamedTuple):
     k: int
     ahead: Array
     cross: Array
-    own: Array
+    marginal: Array
     regression: Array
 
 
@@ -148,18 +148,18 @@ def _windows(root: SquareRoot) -> Iterator[_Window]:
         whole = np.empty((width, width))
         A = root.regression(k)
         cross = A @ ahead
-        own, both = cross @ A.T + spread[k], cross[:, kept]
-        whole[:dim, :dim] = 0.5 * (own + own.T)
+        marginal, both = cross @ A.T + spread[k], cross[:, kept]
+        whole[:dim, :dim] = 0.5 * (marginal + marginal.T)
         whole[:dim, dim:], whole[dim:, :dim], whole[dim:, dim:] = both, both.T, ahead[kept][:, kept]
         yield _Window(k, ahead, cross, whole[:dim, :size], A)
         ahead = whole
 
 
-def _by_numpy(root: SquareRoot, own: Array, gain: Array) -> None:
+def _by_numpy(root: SquareRoot, marginal: Array, gain: Array) -> None:
     """Do as the kernel (kernels/recursions.cpp)."""
     reaches, size = bool(root.ahead.any()), root.size
     for window in _windows(root):
-        own[window.k] = window.own
+        marginal[window.k] = window.marginal
         gain[window.k] = (window.cross if reaches else window.regression)[:, :size]
 
 
@@ -193,14 +193,14 @@ def posterior_covariance(root: SquareRoot) -> Covariance:
     if not isinstance(root, SquareRoot):
         raise TypeError(f"expected the square root of a solution, solution.root, not {type(root).__name__}")
     n, size = len(root.R), root.size
-    own, gain = np.empty((2, n, KEYFRAME_DIM, size))
+    marginal, gain = np.empty((2, n, KEYFRAME_DIM, size))
     if compiled_kernels():
         from trackfg.numerics import compiled
 
-        compiled.covariances(*root.conditionals(), root.shared_covariance, own, gain, *_NO_WINDOWS)
+        compiled.covariances(*root.conditionals(), root.shared_covariance, marginal, gain, *_NO_WINDOWS)
     else:
-        _by_numpy(root, own, gain)
-    covariance = Covariance(own, root.shared_covariance, gain[:-1])
+        _by_numpy(root, marginal, gain)
+    covariance = Covariance(marginal, root.shared_covariance, gain[:-1])
     return replace(covariance, gain=_gain(covariance, gain)) if root.ahead.any() else covariance
 
 
@@ -241,31 +241,31 @@ def joint_covariance(root: SquareRoot, functions: Functions, covariance: Covaria
     blocks, last = [], int(places[0]) - 1 if places.size else 0
     for begin in range(0, len(places), _PLACES_IN_A_BLOCK):
         some = slice(begin, begin + _PLACES_IN_A_BLOCK)
-        own = np.arange(starts[begin], ends[some][-1])
+        rows = np.arange(starts[begin], ends[some][-1])
         width = root.parents(last)
         carried = np.eye(width)
-        cross = np.zeros((width + len(own), len(own)))
+        cross = np.zeros((width + len(rows), len(rows)))
         for k, start, stop in zip(places[some].tolist(), starts[some], ends[some], strict=True):
             D, noise = _given_parents(root, functions, k, slice(start, stop))
             for between in range(last + 1, k):
                 carried = _carried(root, carried, between)
-            before = carried[:, :KEYFRAME_DIM] @ root.inverse[k]
+            transferred = carried[:, :KEYFRAME_DIM] @ root.inverse[k]
             carried = np.concatenate([_carried(root, carried, k), D])
-            part = cross[: len(carried), start - own[0] : stop - own[0]]
-            part[:] = carried @ (ahead[k] @ D.T) + np.concatenate([before, noise]) @ noise.T
+            part = cross[: len(carried), start - rows[0] : stop - rows[0]]
+            part[:] = carried @ (ahead[k] @ D.T) + np.concatenate([transferred, noise]) @ noise.T
             last = k
         between_own = np.triu(cross[width:])
         symmetric = between_own + np.triu(between_own, 1).T
-        blocks.append(Block(own, symmetric, carried[width:], carried[:width], cross[:width]))
+        blocks.append(Block(rows, symmetric, carried[width:], carried[:width], cross[:width]))
     return ChainedCovariance(tuple(blocks))
 
 
-def _given_parents(root: SquareRoot, functions: Functions, k: int, own: slice) -> tuple[Array, Array]:
+def _given_parents(root: SquareRoot, functions: Functions, k: int, rows: slice) -> tuple[Array, Array]:
     """Return D and ``F_x R_k^-1`` of functions of keyframe k, which are ``D y_k + F_x R_k^-1 e``."""
-    F_x = functions.by_first[own]
+    F_x = functions.by_first[rows]
     D = F_x @ root.regression(k)
-    D[:, :KEYFRAME_DIM] += functions.by_second[own]
-    D[:, KEYFRAME_DIM : KEYFRAME_DIM + functions.by_shared.shape[1]] += functions.by_shared[own]
+    D[:, :KEYFRAME_DIM] += functions.by_second[rows]
+    D[:, KEYFRAME_DIM : KEYFRAME_DIM + functions.by_shared.shape[1]] += functions.by_shared[rows]
     return D, F_x @ root.inverse[k]
 
 
@@ -303,20 +303,20 @@ def covariance_given_next(root: SquareRoot, functions: Functions) -> tuple[Array
     n, m, dim, size = len(root.inverse), len(functions.keyframe), KEYFRAME_DIM, root.size
     total = np.zeros((m, m))
     carried = np.zeros((size, m))
-    own = np.searchsorted(functions.keyframe, np.arange(n + 1))
+    starts = np.searchsorted(functions.keyframe, np.arange(n + 1))
     for k in range(n):
         right = carried[:dim].copy()
-        first, second = slice(own[k], own[k + 1]), slice(own[max(k - 1, 0)], own[k])
+        first, second = slice(starts[k], starts[k + 1]), slice(starts[max(k - 1, 0)], starts[k])
         right[:, first] += functions.by_first[first].T
         right[:, second] += functions.by_second[second].T
-        active = slice(0, own[k + 1])
+        active = slice(0, starts[k + 1])
         y = root.inverse[k].T @ right[:, active]
         ahead = np.zeros((root.parents(k), m))
         ahead[root.kept(k)] = carried[dim:]
         ahead[:, active] -= root.on_parents(k).T @ y
         carried = ahead
         total[active, active] += y.T @ y
-    last = slice(own[max(n - 1, 0)], own[n])
+    last = slice(starts[max(n - 1, 0)], starts[n])
     carried[:dim, last] += functions.by_second[last].T
     carried[dim : dim + functions.by_shared.shape[1]] += functions.by_shared.T  # what is behind is not touched
     return total, carried[:size]

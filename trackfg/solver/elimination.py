@@ -80,12 +80,12 @@ def eliminate_with_marginals(
     if leading_counts and ahead.any():
         raise ValueError("factors that tie keyframes further apart: these cannot be marginalised one by one")
     with one_thread():
-        whole, alone, left = _factored(placed, ahead, shared_dim, leading_counts)
+        whole, alone, marginals = _factored(placed, ahead, shared_dim, leading_counts)
         shared = _triangle(alone)[:shared_dim]
         if len(shared) < shared_dim:
             raise UnsolvableError(_UNDETERMINED)
         R, sign = _positive(np.triu(shared[:, :-1]))
-        return SquareRoot(whole.R, whole.S, whole.d, R, shared[:, -1] * sign, ahead, whole.beyond), left
+        return SquareRoot(whole.R, whole.S, whole.d, R, shared[:, -1] * sign, ahead, whole.beyond), marginals
 
 
 def _shared_dim(factors: Sequence[LinearFactors]) -> int:
@@ -102,9 +102,9 @@ def stacked_pair(factors: Sequence[LinearFactors], sensors: int | None = None) -
     shared_dim = _shared_dim(factors) if sensors is None else SHARED_DIM + Kind.SENSOR.dim * sensors
     rows = np.zeros((sum(one.rows.shape[0] * one.rows.shape[1] for one in factors), _PAIR + shared_dim + 1))
     begin = 0
-    for slots, own in factors:
+    for slots, members in factors:
         kinds, indices = tuple(slot.kind for slot in slots), tuple(slot.index.tobytes() for slot in slots)
-        for factor, columns in zip(own, _columns_of_pair(kinds, indices, shared_dim + 1), strict=True):
+        for factor, columns in zip(members, _columns_of_pair(kinds, indices, shared_dim + 1), strict=True):
             rows[begin : begin + len(factor), columns] = factor
             begin += len(factor)
     return rows
@@ -166,17 +166,17 @@ def _factored(
     d = np.empty((keyframes, KEYFRAME_DIM))
     beyond = np.empty((int(begins[-1]), KEYFRAME_DIM))
     alone, marginals = [_of_shared_alone(factors, tail)], {}
-    left = np.zeros((0, _PAIR - KEYFRAME_DIM + tail))
+    remainder = np.zeros((0, _PAIR - KEYFRAME_DIM + tail))
     factored, at_a_time = (_block_compiled, keyframes) if compiled_kernels() else (_block_by_lapack, _AT_A_TIME)
     ends = sorted({*range(at_a_time, keyframes, at_a_time), keyframes, *leading_counts})
     for begin, end in zip([0, *ends], ends, strict=False):
-        own = [one.between(begin, end) for one in factors]
-        block = _Block(own, _around(widths, begin, end), left, tail)
+        in_block = [one.between(begin, end) for one in factors]
+        block = _Block(in_block, _around(widths, begin, end), remainder, tail)
         rows = beyond[begins[begin] : begins[end]]
-        left, rest = factored(block, _WithBeyond(R[begin:end], S[begin:end], d[begin:end], rows))
+        remainder, rest = factored(block, _WithBeyond(R[begin:end], S[begin:end], d[begin:end], rows))
         alone.append(rest)
         if end in leading_counts:
-            marginals[end] = _left(left, np.concatenate(alone), shared_dim)
+            marginals[end] = _left(remainder, np.concatenate(alone), shared_dim)
     return _WithBeyond(R, S, d, beyond), np.concatenate(alone), marginals
 
 
@@ -184,20 +184,20 @@ class _Block(NamedTuple):
     """A block has some keyframes in a row, counted from its first one, and the factors whose first keyframe each is.
 
     ``widths`` (n + 2,) without the columns of the shared variables, beginning with the keyframe before and ending with
-    the one after, 0 where there is none; ``left`` is what the keyframe before left over; ``tail`` counts the shared
+    the one after, 0 where there is none; ``remainder`` is what the keyframe before left; ``tail`` counts the shared
     variables and the right-hand side.
     """
 
     factors: Sequence[_Placed]
     widths: np.ndarray
-    left: Array
+    remainder: Array
     tail: int
 
 
 def _around(widths: np.ndarray, begin: int, end: int) -> np.ndarray:
-    before = widths[begin - 1 : begin] if begin else [_PAIR]
-    after = widths[end : end + 1] if end < len(widths) else [0]
-    return np.concatenate([before, widths[begin:end], after])
+    preceding = widths[begin - 1 : begin] if begin else [_PAIR]
+    following = widths[end : end + 1] if end < len(widths) else [0]
+    return np.concatenate([preceding, widths[begin:end], following])
 
 
 def _block_compiled(block: _Block, out: _WithBeyond) -> tuple[Array, Array]:
@@ -205,46 +205,48 @@ def _block_compiled(block: _Block, out: _WithBeyond) -> tuple[Array, Array]:
     from trackfg.numerics import compiled
 
     tail, most = block.tail, int(block.widths.max()) - KEYFRAME_DIM
-    left = np.empty(most * (most + tail))
-    left[: block.left.size] = block.left.ravel()
+    remainder = np.empty(most * (most + tail))
+    remainder[: block.remainder.size] = block.remainder.ravel()
     alone = np.empty((tail, tail))
     nav = NAV.start, NAV_DIM
     families = [array for one in block.factors if one.factors.rows.size for array in one.as_arrays()]
-    done = compiled.eliminate(block.widths, nav, _INDETERMINATE, left, len(block.left), *out, alone, *families)
+    done = compiled.eliminate(
+        block.widths, nav, _INDETERMINATE, remainder, len(block.remainder), *out, alone, *families
+    )
     if done is None:
         raise UnsolvableError(_UNDETERMINED)
     columns = int(block.widths[-2]) - KEYFRAME_DIM + tail
-    return left[: done[0] * columns].reshape(-1, columns), alone[: done[1]]
+    return remainder[: done[0] * columns].reshape(-1, columns), alone[: done[1]]
 
 
 def _block_by_lapack(block: _Block, out: _WithBeyond) -> tuple[Array, Array]:
     """Write the conditionals of a block, and return what is left over and rows of the shared variables alone."""
-    widths, left, tail, alone = block.widths.tolist(), block.left, block.tail, []
+    widths, remainder, tail, alone = block.widths.tolist(), block.remainder, block.tail, []
     rows, starts = _stacked(block.factors, block.widths[1:-1], tail)
     conditional = np.zeros((len(out.R), KEYFRAME_DIM, rows.shape[1]))
-    for k, (before, width, following) in enumerate(zip(widths, widths[1:], widths[2:], strict=False)):
-        own, carried = rows[starts[k] : starts[k + 1], : width + tail], len(left)
-        system = np.zeros((carried + len(own), width + tail), order="F")
-        system[:carried, _columns_in_next(before, width, tail)] = left
-        system[carried:] = own
+    for k, (preceding, width, following) in enumerate(zip(widths, widths[1:], widths[2:], strict=False)):
+        new_rows, carried = rows[starts[k] : starts[k + 1], : width + tail], len(remainder)
+        system = np.zeros((carried + len(new_rows), width + tail), order="F")
+        system[:carried, _columns_in_next(preceding, width, tail)] = remainder
+        system[carried:] = new_rows
         if len(system) < KEYFRAME_DIM:
             raise UnsolvableError(_UNDETERMINED)
         triangle = dgeqrf(system, overwrite_a=True)[0]
         conditional[k, :, : width + tail] = triangle[:KEYFRAME_DIM]
         rest = triangle[KEYFRAME_DIM:, KEYFRAME_DIM:]
         rest = rest * _upper(*rest.shape)  # below the diagonal dgeqrf keeps the reflections
-        after = width - KEYFRAME_DIM if following else 0
-        alone.append(rest[after:, width - KEYFRAME_DIM :].copy())
-        left = rest[:after]
+        next_height = width - KEYFRAME_DIM if following else 0
+        alone.append(rest[next_height:, width - KEYFRAME_DIM :].copy())
+        remainder = rest[:next_height]
     _write_conditionals(conditional, block.widths[1:-1], tail - 1, out)
-    return left, np.concatenate(alone)
+    return remainder, np.concatenate(alone)
 
 
-def _left(left: Array, alone: Array, shared_dim: int) -> Array:
+def _left(remainder: Array, alone: Array, shared_dim: int) -> Array:
     """Return the rows of both over (x, s | b), of the size of (x, s) and one column more."""
     shared, size = _triangle(alone)[:shared_dim], KEYFRAME_DIM + shared_dim
     rest = np.zeros((size, size + 1))
-    rest[: len(left)] = left
+    rest[: len(remainder)] = remainder
     rest[KEYFRAME_DIM : KEYFRAME_DIM + len(shared), KEYFRAME_DIM:] = shared
     return rest
 
@@ -254,12 +256,12 @@ def _write_conditionals(conditional: Array, widths: np.ndarray, shared_dim: int,
     out.R[:], sign = _positive(conditional[:, :, :KEYFRAME_DIM] * _upper(KEYFRAME_DIM, KEYFRAME_DIM))
     begins = begins_beyond((widths - _PAIR) // NAV_DIM)
     for width in np.unique(widths).tolist():
-        own = np.flatnonzero(widths == width)
-        rows = conditional[own] * sign[own, :, None]
-        out.S[own, :, : _PAIR - KEYFRAME_DIM] = rows[:, :, KEYFRAME_DIM:_PAIR]
-        out.S[own, :, _PAIR - KEYFRAME_DIM :] = rows[:, :, width : width + shared_dim]
-        out.beyond[begins[own, None] + np.arange(width - _PAIR)] = rows[:, :, _PAIR:width].swapaxes(1, 2)
-        out.d[own] = rows[:, :, width + shared_dim]
+        keyframes = np.flatnonzero(widths == width)
+        rows = conditional[keyframes] * sign[keyframes, :, None]
+        out.S[keyframes, :, : _PAIR - KEYFRAME_DIM] = rows[:, :, KEYFRAME_DIM:_PAIR]
+        out.S[keyframes, :, _PAIR - KEYFRAME_DIM :] = rows[:, :, width : width + shared_dim]
+        out.beyond[begins[keyframes, None] + np.arange(width - _PAIR)] = rows[:, :, _PAIR:width].swapaxes(1, 2)
+        out.d[keyframes] = rows[:, :, width + shared_dim]
 
 
 def _positive(R: Array) -> tuple[Array, Array]:
@@ -403,10 +405,10 @@ def _stacked(factors: Sequence[_Placed], widths: np.ndarray, tail: int) -> tuple
     starts = np.append(0, ends)[np.searchsorted(by_keyframe[order], np.arange(len(widths) + 1))]
 
     rows = np.zeros((int(ends[-1]) if len(ends) else 0, int(widths.max()) + tail))
-    after = 0
-    for one in factors:
-        before, after = after, after + len(one.first)
-        row = begins[before:after, None] + np.arange(one.factors.rows.shape[1])
-        column = one.columns(widths[one.first], tail)
-        rows[row[:, :, None], column[:, None, :]] = one.factors.rows
+    end = 0
+    for placed in factors:
+        begin, end = end, end + len(placed.first)
+        row = begins[begin:end, None] + np.arange(placed.factors.rows.shape[1])
+        column = placed.columns(widths[placed.first], tail)
+        rows[row[:, :, None], column[:, None, :]] = placed.factors.rows
     return rows, starts

@@ -148,8 +148,8 @@ def misfits(
     kinds the functions are, as many of each, in a row; each kind has a list of misfits.
     """
     parts: dict[str, list[list[Misfit]]] = {}
-    for one in rows:
-        parts.setdefault(one.group, []).append(_misfits(one, gain, blocks, kinds))
+    for group_rows in rows:
+        parts.setdefault(group_rows.group, []).append(_misfits(group_rows, gain, blocks, kinds))
     merged = [[_joined(same) for same in zip(*of_group, strict=True)] for of_group in parts.values()]
     return [list(of_kind) for of_kind in zip(*merged, strict=True)]
 
@@ -164,8 +164,8 @@ def _misfits(rows: GroupRows, gain: Columns, blocks: Sequence[np.ndarray], kinds
     share = np.einsum("frm,frm->m", w, w).reshape(kinds, -1).mean(axis=1)
     if rows.has_one_level:
         squares, of_drawn = np.sum(rows.linear.b**2), np.sum(rows.drawn**2, axis=(0, 1))
-        seen, drawn = np.full(len(blocks), squares), np.tile(of_drawn, (len(blocks), 1))
-        return [Misfit(rows.group, float(one), seen, drawn) for one in share]
+        observed, drawn = np.full(len(blocks), squares), np.tile(of_drawn, (len(blocks), 1))
+        return [Misfit(rows.group, float(one), observed, drawn) for one in share]
     errors = np.concatenate([rows.linear.b[:, :, None], rows.drawn], axis=2)
     keyframe = np.maximum(first_keyframe(rows.linear.slots, len(w)), 0)
     edges = [np.flatnonzero(np.diff(block[keyframe], prepend=-1)) for block in blocks]

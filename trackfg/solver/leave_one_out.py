@@ -36,8 +36,8 @@ class LeftOut(NamedTuple):
 
     def in_sigmas(self, sigma: Array) -> Array:
         """Return the errors over their sigmas, with those of the measurements, (m, d), as in the family."""
-        own = np.diagonal(self.covariance, axis1=1, axis2=2)
-        return np.asarray(self.error / np.sqrt(own + sigma**2))
+        variance = np.diagonal(self.covariance, axis1=1, axis2=2)
+        return np.asarray(self.error / np.sqrt(variance + sigma**2))
 
 
 def left_out(family: Family, states: States, covariance: Covariance, *, used: bool = True) -> LeftOut:

@@ -63,8 +63,8 @@ class SquareRoot(Outlined):
     def inverse(self) -> Array:
         """R^-1, in the shape of R."""
         inverse = np.empty_like(self.R)
-        for own, R in zip(inverse, self.R, strict=True):
-            own[:] = dtrtri(R)[0]
+        for block, R in zip(inverse, self.R, strict=True):
+            block[:] = dtrtri(R)[0]
         return inverse
 
     @cached_property

@@ -111,13 +111,15 @@ def _family_residuals(family: Family, states: States, covariance: Covariance) ->
     for slot, jacobian in zip(family.slots, linear.jacobians, strict=True):
         later = not slot.kind.shared and bool((slot.index != first).any())
         parts[later].append((jacobian, slot_columns(slot)))
-    here, there = (
+    side, next_side = (
         _Side(np.concatenate([J for J, _ in blocks], axis=2), np.concatenate([c for _, c in blocks]))
         if blocks
         else _Side(np.zeros((*linear.b.shape, 0)), np.zeros(0, dtype=np.int64))
         for blocks in parts.values()
     )
-    return Residuals(first, linear.b, family.weights(states)[:, None] - _spread(covariance, first, last, here, there))
+    return Residuals(
+        first, linear.b, family.weights(states)[:, None] - _spread(covariance, first, last, side, next_side)
+    )
 
 
 class _Side(NamedTuple):
@@ -127,18 +129,18 @@ class _Side(NamedTuple):
     columns: np.ndarray
 
 
-def _spread(covariance: Covariance, first: np.ndarray, last: np.ndarray, here: _Side, there: _Side) -> Array:
+def _spread(covariance: Covariance, first: np.ndarray, last: np.ndarray, side: _Side, next_side: _Side) -> Array:
     """Return the diagonals of ``J P J'``, (m, r), of factors of keyframes ``first`` and their next ones ``last``."""
-    spread = np.empty(here.jacobian.shape[:2])
+    spread = np.empty(side.jacobian.shape[:2])
     for begin in range(0, len(spread), _AT_A_TIME):
         rows = slice(begin, begin + _AT_A_TIME)
-        J, K = here.jacobian[rows], there.jacobian[rows]
-        at_first = covariance.rows(first[rows], here.columns)[:, :, here.columns]
+        J, K = side.jacobian[rows], next_side.jacobian[rows]
+        at_first = covariance.rows(first[rows], side.columns)[:, :, side.columns]
         spread[rows] = np.sum((J @ at_first) * J, axis=2)
-        if there.columns.size:
-            at_last = covariance.rows(last[rows], there.columns).swapaxes(1, 2)
-            spread[rows] += np.sum((K @ at_last[:, there.columns]) * K, axis=2)
-            spread[rows] += 2.0 * np.sum((J @ _cross(covariance, first[rows], here.columns, at_last)) * K, axis=2)
+        if next_side.columns.size:
+            at_last = covariance.rows(last[rows], next_side.columns).swapaxes(1, 2)
+            spread[rows] += np.sum((K @ at_last[:, next_side.columns]) * K, axis=2)
+            spread[rows] += 2.0 * np.sum((J @ _cross(covariance, first[rows], side.columns, at_last)) * K, axis=2)
     return spread
 
 

@@ -119,8 +119,8 @@ class LossReport:
         """
         if t.size == 0:
             return
-        known = t[np.isfinite(t)]
-        first, last = (float(known.min()), float(known.max())) if known.size else (None, None)
+        finite = t[np.isfinite(t)]
+        first, last = (float(finite.min()), float(finite.max())) if finite.size else (None, None)
         now = Event(kind, table, first, last, int(t.size), LOSS_KINDS[kind])
         entry = self.open.setdefault((kind, table), _Open(Event(kind, table)))
         entry.columns = tuple(dict.fromkeys([*entry.columns, *columns]))

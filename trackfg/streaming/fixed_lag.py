@@ -284,10 +284,10 @@ class FixedLagSmoother:
         pieces = []
         if at_end or settled - tables.done_s >= PIECE_S:
             inputs = self._table_input(running, step.whole_window, step.root)
-            before = tables.done_s
+            begin_s = tables.done_s
             pieces = [tables.next_piece(self._buffer, inputs, settled, at_end=at_end)]
             self._moving.votes.written_s = tables.done_s
-            samples = self._buffer.intervals(before, tables.done_s)
+            samples = self._buffer.intervals(begin_s, tables.done_s)
             self._vibration_test.put(samples, pieces[0].trajectory, pieces[0].geometry)
         locator = self._locator
         events = self._moving.votes.pop_events() if locator is None else self._locate(locator, pieces, step)

@@ -46,8 +46,8 @@ def outage_after(buffer: SampleBuffer, t: float) -> Outage | None:
     first = int(np.searchsorted(data.edges, t - _JUST_S))
     if first >= len(data.bridged) or not data.bridged[first]:
         return None
-    after = first + int(np.argmin(np.append(data.bridged[first:], False)))
-    outage = Outage(t, float(data.edges[after]))
+    stop = first + int(np.argmin(np.append(data.bridged[first:], False)))
+    outage = Outage(t, float(data.edges[stop]))
     if outage.end_s - t <= LONGEST_S:
         return None
     speed_s = buffer.first_speed(t + _JUST_S)
@@ -60,15 +60,15 @@ def distance_after(outage: Outage, running: RunningWindow) -> KnownDistance:
     It is that before and what the tach has counted since, in the direction in which it went before. Without a count the
     vehicle may have run at any speed.
     """
-    before, counted = running.known_distance, _counted(outage, running)
+    previous, counted = running.known_distance, _counted(outage, running)
     if counted is None:
-        return KnownDistance(outage.end_s, before.distance_m, before.sd_at(outage.end_s))
+        return KnownDistance(outage.end_s, previous.distance_m, previous.sd_at(outage.end_s))
     way, uncounted_m = (
         float(running.newest.states.odo.scale[-1]) * counted[0],
         CheckLimits().speed_error_mps * counted[1],
     )
-    sd = float(np.sqrt(before.sd_m**2 + (MOST_CREEP * way) ** 2 + uncounted_m**2))
-    return KnownDistance(outage.end_s, before.distance_m + way, sd)
+    sd = float(np.sqrt(previous.sd_m**2 + (MOST_CREEP * way) ** 2 + uncounted_m**2))
+    return KnownDistance(outage.end_s, previous.distance_m + way, sd)
 
 
 def _counted(outage: Outage, running: RunningWindow) -> tuple[float, float] | None:
@@ -77,10 +77,10 @@ def _counted(outage: Outage, running: RunningWindow) -> tuple[float, float] | No
     None where it measures speeds, has no rows just before and after, or began again.
     """
     tach, rows, breaks = running.tach, running.buffer.tach, running.buffer.uncounted
-    after = int(np.searchsorted(rows[:, 0], outage.end_s - _JUST_S))
-    if tach is None or tach.wheel.integrates_speed or not 0 < after < len(rows):
+    next_row = int(np.searchsorted(rows[:, 0], outage.end_s - _JUST_S))
+    if tach is None or tach.wheel.integrates_speed or not 0 < next_row < len(rows):
         return None
-    (before_s, before_m), (after_s, after_m) = rows[after - 1], rows[after]
+    (before_s, before_m), (after_s, after_m) = rows[next_row - 1], rows[next_row]
     missing_s = max(outage.begin_s - before_s, 0.0) + max(after_s - outage.end_s, 0.0)
     if missing_s > _BESIDE_S or ((breaks[:, 0] < after_s) & (breaks[:, 1] > before_s)).any():
         return None

@@ -60,10 +60,10 @@ class RollTest:
         self.way_m, self.newest, self.fastest_mps = float(way[-1]), rows[-1:].copy(), float(fastest[-1])
         self.cells = np.concatenate([self.cells, new])
         if len(self.cells) > 2 * MARGIN:
-            known = slice(MARGIN, len(self.cells) - MARGIN)
+            inner = slice(MARGIN, len(self.cells) - MARGIN)
             on_straight = straight(self.cells[:, 0], straightest(self.cells[:, 3]))
-            found = self.cells[known][on_straight[known]]
-            self.sums += [len(found), *found[:, 1:3].sum(axis=0)]
+            cells = self.cells[inner][on_straight[inner]]
+            self.sums += [len(cells), *cells[:, 1:3].sum(axis=0)]
             self.cells = self.cells[-2 * MARGIN :].copy()
 
     def events(self, until_s: float) -> tuple[Event, ...]:

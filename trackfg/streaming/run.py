@@ -62,9 +62,9 @@ class StreamCounts:
         """Return a sentence for each table that lost more than half of its rows, and others if many were no rows at all
         or the source is cut off. A row that came again is no loss.
         """
-        said = [self.broken] if self.broken else []
+        sentences = [self.broken] if self.broken else []
         if self.unreadable > _MANY_UNREADABLE * (came := self.unreadable + self.rows_in):
-            said.append(f"{self.unreadable} of {came} rows could not be read; the first: {self.first_unreadable}")
+            sentences.append(f"{self.unreadable} of {came} rows could not be read; the first: {self.first_unreadable}")
         for table, kinds in self.left_out.items():
             lost = Counter({kind: number for kind, number in kinds.items() if kind != "duplicate"})
             if 2 * lost.total() > (came := self.by_table[table]) > 0:
@@ -75,8 +75,8 @@ class StreamCounts:
                     hint = f"a row may come {ClockLimits().hold_s:g} s after the IMU's of its time, not later"
                 elif main == "clock-jump" and table != "imu":
                     hint = "the table events says how far their times are from the IMU's: correct its time_offset_s"
-                said.append(f"{table}: {lost.total()} of {came} rows were left out ({why}). Hint: {hint}")
-        return said
+                sentences.append(f"{table}: {lost.total()} of {came} rows were left out ({why}). Hint: {hint}")
+        return sentences
 
 
 @dataclass(frozen=True)
@@ -160,16 +160,16 @@ class Stream:
     def _run(self, sink: Sink, checkpoints: Checkpoints | None, watch: Callable[[StreamStep], None]) -> StreamCounts:
         pace, done = BackPressure(self.smoother.keyframe_spacing), self.clock()
         for batch in self.source:
-            begun = self.clock()
+            start_s = self.clock()
             self.counts.by_table.update({table: len(rows) for table, rows in batch.tables.items()})
             rows, events = self.intake.push(batch)
             estimates = self.smoother.put(rows)
             events = self._write(sink, estimates, events)
-            waited, done = begun - done, self.clock()
-            if self.source.live and (change := pace.record(waited, done - begun, rows.until_s)) is not None:
+            waited, done = start_s - done, self.clock()
+            if self.source.live and (change := pace.record(waited, done - start_s, rows.until_s)) is not None:
                 self.smoother.keyframe_spacing = pace.factor
                 events += self._write(sink, NO_ESTIMATES, (change,))
-            watch(self._step(estimates, events, batch.position, done - begun + pace.behind_s))
+            watch(self._step(estimates, events, batch.position, done - start_s + pace.behind_s))
             if checkpoints is not None and checkpoints.due(rows.until_s):
                 checkpoints.write(self._checkpoint(batch.position, rows.until_s, sink))
         rows, events = self.intake.finish()

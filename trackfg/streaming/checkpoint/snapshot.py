@@ -272,13 +272,13 @@ class _Functions:
 @cache
 def _functions() -> dict[str, Callable[..., Any]]:
     """Return all functions of :mod:`trackfg.factors`, by module and name."""
-    found: dict[str, Callable[..., Any]] = {}
+    functions: dict[str, Callable[..., Any]] = {}
     for info in pkgutil.iter_modules(trackfg.factors.__path__, "trackfg.factors."):
         module = importlib.import_module(info.name)
         for function in vars(module).values():
             if inspect.isfunction(function) and function.__module__ == info.name:
-                found[f"{info.name}.{function.__qualname__}"] = function
-    return found
+                functions[f"{info.name}.{function.__qualname__}"] = function
+    return functions
 
 
 class _Arrays:

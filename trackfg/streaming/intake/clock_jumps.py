@@ -131,9 +131,9 @@ class ClockJumps:
         parts, until_s = [], rows.until_s
         while (jump := self._next(tables["imu"][:, 0])) is not None:
             was_set = self._clock_was_set(jump, tables, until_s - self.shift_s, last=last)
-            before, tables = _split(tables, jump.middle_s)
-            self._remember(before)
-            parts.append(before)
+            earlier, tables = _split(tables, jump.middle_s)
+            self._remember(earlier)
+            parts.append(earlier)
             if was_set is None:
                 self.waiting, until_s = tables, jump.begin_s + self.shift_s
                 break
@@ -231,20 +231,20 @@ class ClockJumps:
         until = jump.end_s + LOOK_S
         tach = tach[(tach[:, 0] > jump.begin_s - LOOK_S) & (tach[:, 0] <= until)]
         first = int(np.searchsorted(tach[:, 0], jump.middle_s, side="right"))
-        before, after = tach[:first], tach[first:]
-        if len(before) < _LEAST_ROWS or not _goes_on(before, jump.begin_s):
+        earlier, later = tach[:first], tach[first:]
+        if len(earlier) < _LEAST_ROWS or not _goes_on(earlier, jump.begin_s):
             return False
-        if not jump.restart and _is_gap(before, after[:1], jump):
+        if not jump.restart and _is_gap(earlier, later[:1], jump):
             return False
         if not last and until_s < until:
             return None
-        if len(after) < _LEAST_ROWS or not _goes_on(after[::-1], jump.end_s):
+        if len(later) < _LEAST_ROWS or not _goes_on(later[::-1], jump.end_s):
             return False
-        if any(_end(event) >= before[0, 0] and (event.t_s or 0.0) <= after[-1, 0] for event in self.resets):
+        if any(_end(event) >= earlier[0, 0] and (event.t_s or 0.0) <= later[-1, 0] for event in self.resets):
             return False
         if jump.restart and not np.ptp(tach[:, 1]):
             return self._stands_as_it_did(jump, tables)
-        return _rolled_on(before, after, jump)
+        return _rolled_on(earlier, later, jump)
 
     def _all_jump(self, jump: Jump, tables: Mapping[str, Array]) -> bool:
         """Return whether no table has rows within the jump, and all stay in order without it."""
@@ -264,13 +264,13 @@ class ClockJumps:
     def _stands_as_it_did(self, jump: Jump, tables: Mapping[str, Array]) -> bool:
         imu = np.concatenate([*self.recent["imu"], tables["imu"]])
         t = imu[:, 0]
-        before = imu[(t > jump.begin_s - LOOK_S) & (t <= jump.middle_s), 4:7]
-        after = imu[(t > jump.middle_s) & (t <= jump.end_s + LOOK_S), 4:7]
-        if min(len(before), len(after)) < _LEAST_ROWS:
+        earlier = imu[(t > jump.begin_s - LOOK_S) & (t <= jump.middle_s), 4:7]
+        later = imu[(t > jump.middle_s) & (t <= jump.end_s + LOOK_S), 4:7]
+        if min(len(earlier), len(later)) < _LEAST_ROWS:
             return False
-        noise = np.sqrt(before.var(axis=0) / len(before) + after.var(axis=0) / len(after))
-        turned = np.abs(after.mean(axis=0) - before.mean(axis=0))
-        return bool((turned <= _TILT * np.linalg.norm(before.mean(axis=0)) + _SIGMAS * noise).all())
+        noise = np.sqrt(earlier.var(axis=0) / len(earlier) + later.var(axis=0) / len(later))
+        turned = np.abs(later.mean(axis=0) - earlier.mean(axis=0))
+        return bool((turned <= _TILT * np.linalg.norm(earlier.mean(axis=0)) + _SIGMAS * noise).all())
 
     def _explained(self, jump: Jump, *, was_set: bool) -> list[Event]:
         """Return the events that waited for this jump; where a clock was set, ``clock-set`` replaces its own."""
@@ -284,10 +284,10 @@ class ClockJumps:
         if jump.restart:
             jumped = of_it[0].detail
         detail = f"{jumped}. The count went on as if no time had passed"
-        after = jump.begin_s + self.interval_s
+        next_s = jump.begin_s + self.interval_s
         return [
             *(event for event in due if event not in of_it),
-            Event("clock-set", "imu", jump.begin_s, after, 0, detail),
+            Event("clock-set", "imu", jump.begin_s, next_s, 0, detail),
         ]
 
     def _shift_times(self, jump: Jump) -> None:
@@ -308,18 +308,18 @@ def _line(rows: Array) -> tuple[float, float, float]:
     return rate, float(rows[:, 0].mean()), float(np.std(count - rate * t))
 
 
-def _is_gap(before: Array, first: Array, jump: Jump) -> bool:
+def _is_gap(earlier: Array, first: Array, jump: Jump) -> bool:
     """Return whether the first reading after has gone on by half the jump or more; True at rest, where it cannot."""
-    rate = _line(before)[0]
+    rate = _line(earlier)[0]
     if rate == 0.0:
         return True
-    seconds, counted = (first - before[-1:]).T
+    seconds, counted = (first - earlier[-1:]).T
     return bool((counted / rate > seconds - 0.5 * jump.by_s).any())
 
 
-def _rolled_on(before: Array, after: Array, jump: Jump) -> bool:
+def _rolled_on(earlier: Array, later: Array, jump: Jump) -> bool:
     """Return whether the count went on as if no time had passed, and could not have done so in that time."""
-    (slow, t0, scatter), (fast, t1, scatter1) = _line(before), _line(after)
+    (slow, t0, scatter), (fast, t1, scatter1) = _line(earlier), _line(later)
     speed = 0.5 * (slow + fast)
     if slow * fast <= 0.0 or abs(fast - slow) > _FASTER_MPS2 * (t1 - t0 - jump.by_s):
         return False
@@ -327,7 +327,7 @@ def _rolled_on(before: Array, after: Array, jump: Jump) -> bool:
     allowed = free * abs(speed) + _SIGMAS * max(scatter, scatter1)
     if not jump.restart and abs(speed) * jump.by_s < 2.0 * allowed:
         return False
-    seconds, counted = after[0] - before[-1]
+    seconds, counted = later[0] - earlier[-1]
     return bool(abs(counted - speed * (seconds - jump.by_s)) <= allowed)
 
 

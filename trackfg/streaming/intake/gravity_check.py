@@ -46,6 +46,6 @@ class GravityCheck:
 
         table = pd.DataFrame(np.concatenate(self.waiting), columns=list(IMU_COLUMNS))
         self.waiting = None
-        if found := errors(gravity_findings(imu, table, "description", self.limits)):
-            place = "description" if found[0].file == "description" else "imu"
-            raise BadInputError(f"the first {FIRST_S:g} s of the stream: {replace(found[0], file=place)}")
+        if faults := errors(gravity_findings(imu, table, "description", self.limits)):
+            place = "description" if faults[0].file == "description" else "imu"
+            raise BadInputError(f"the first {FIRST_S:g} s of the stream: {replace(faults[0], file=place)}")

@@ -145,8 +145,8 @@ class ImuClock:
     def _within_reach(self, rows: Array, passed_s: float) -> tuple[np.ndarray, np.ndarray]:
         """Return which rows are neither too late nor too far ahead, and which are behind the newest one before them."""
         t = rows[:, 0] + self.shift_s
-        before = np.maximum.accumulate(np.concatenate([[self.newest_s], t]))[:-1]
-        return (t > passed_s) & (t <= before + self.limits.hold_s), t < before
+        newest = np.maximum.accumulate(np.concatenate([[self.newest_s], t]))[:-1]
+        return (t > passed_s) & (t <= newest + self.limits.hold_s), t < newest
 
     def _accept(self, rows: Array) -> Array:
         out = np.array(rows)
@@ -225,8 +225,8 @@ class ImuClock:
         marks[:, 0] += self.shift_s
         if len(recent) < 2:
             return np.full(len(rows), np.inf), np.zeros(len(rows), dtype=bool)
-        after = np.clip(np.searchsorted(recent[:, 0], marks[:, 0]), 1, len(recent) - 1)
-        both = np.stack([recent[after - 1], recent[after]])
+        upper = np.clip(np.searchsorted(recent[:, 0], marks[:, 0]), 1, len(recent) - 1)
+        both = np.stack([recent[upper - 1], recent[upper]])
         near = np.abs(both[:, :, 0] - marks[:, 0]).min(axis=0)
         return near, (both == marks).all(axis=2).any(axis=0)
 
@@ -242,20 +242,20 @@ class ImuClock:
         rows = np.concatenate(self.quarantined)
         self.quarantined = []
         self._refuse_rivals(report)
-        first, before = float(rows[:, 0].min()) + self.shift_s, self.newest_s
+        first, newest_s = float(rows[:, 0].min()) + self.shift_s, self.newest_s
         limits = self.limits
-        longest_s = limits.longest_missed_s if before == self.missed_s else limits.longest_gap_s
-        if np.isneginf(before) or 0.0 < first - before <= longest_s:
-            if first - before > self.limits.gap_s and np.isfinite(before):
-                detail = f"no rows for {first - before:.3f} s"
-                report.note(Event("gap", "imu", before, first, 0, detail))
+        longest_s = limits.longest_missed_s if newest_s == self.missed_s else limits.longest_gap_s
+        if np.isneginf(newest_s) or 0.0 < first - newest_s <= longest_s:
+            if first - newest_s > self.limits.gap_s and np.isfinite(newest_s):
+                detail = f"no rows for {first - newest_s:.3f} s"
+                report.note(Event("gap", "imu", newest_s, first, 0, detail))
             return self._accept(rows)
         interval = median_interval(np.unique(rows[:, 0]))
-        self.set_s = before - self.shift_s
-        self.shift_s += before + interval - first
-        went = f"{'forward' if first > before else 'back'} by {abs(first - before):.3f} s"
+        self.set_s = newest_s - self.shift_s
+        self.shift_s += newest_s + interval - first
+        went = f"{'forward' if first > newest_s else 'back'} by {abs(first - newest_s):.3f} s"
         detail = f"the clock went {went}; from here times are the sensor's plus {self.shift_s:.6f} s"
-        report.note(Event("clock-restart", "imu", before, before + interval, 0, detail))
+        report.note(Event("clock-restart", "imu", newest_s, newest_s + interval, 0, detail))
         return self._accept(rows)
 
     def _review(self, passed_s: float, report: LossReport) -> Array:

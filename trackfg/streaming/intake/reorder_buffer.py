@@ -111,28 +111,28 @@ class ReorderBuffer:
 
     def _fitting(self, name: str, rows: Array, report: LossReport) -> Array:
         """Let rows wait that fit; return the rest."""
-        own, other = self.shift_s[name], self.clock.shift_s
-        turned = self._is_turned(name, rows[:, 0], own, other)
+        shift_s, other = self.shift_s[name], self.clock.shift_s
+        turned = self._is_turned(name, rows[:, 0], shift_s, other)
         if not turned.any():
-            return self._fits(name, rows, own, report)
+            return self._fits(name, rows, shift_s, report)
         first = int(np.argmax(turned))  # and all that came after it
-        rest = self._fits(name, rows[:first], own, report)
+        rest = self._fits(name, rows[:first], shift_s, report)
         self.shift_s[name], self.newest_s[name] = other, -np.inf
         t = float(rows[first, 0]) + other
         detail = f"as the IMU's; from here times are the sensor's plus {other:.6f} s"
         report.note(Event("clock-restart", name, t, t, 0, detail))
         return np.concatenate([rest, self._fits(name, rows[first:], other, report)])
 
-    def _is_turned(self, name: str, t: Array, own: float, other: float) -> np.ndarray:
+    def _is_turned(self, name: str, t: Array, shift_s: float, other: float) -> np.ndarray:
         """Return which rows, at sensor's times ``t``, may be the first of a clock that was set as the IMU's was."""
-        if own == other:
+        if shift_s == other:
             return np.zeros(t.size, dtype=bool)
-        off, fits, would_fit = t - self.clock.newest_s, self._is_due(t + own), self._is_due(t + other)
-        turned: np.ndarray = would_fit & ~fits & (np.abs(off + other) < np.abs(off + own))
-        if 0.0 < other - own <= self.limits.back_s:
+        off, fits, would_fit = t - self.clock.newest_s, self._is_due(t + shift_s), self._is_due(t + other)
+        turned: np.ndarray = would_fit & ~fits & (np.abs(off + other) < np.abs(off + shift_s))
+        if 0.0 < other - shift_s <= self.limits.back_s:
             set_s, step_s = self.clock.set_s, self.step_s[name]
-            before = np.maximum.accumulate(np.concatenate([[self.newest_s[name]], t]))[:-1]
-            goes_back, too_few = (t < before) & (t <= set_s + step_s), (t > set_s) & (step_s > other - own)
+            newest = np.maximum.accumulate(np.concatenate([[self.newest_s[name]], t]))[:-1]
+            goes_back, too_few = (t < newest) & (t <= set_s + step_s), (t > set_s) & (step_s > other - shift_s)
             turned |= would_fit & fits & (goes_back | too_few)
         return turned
 

@@ -95,13 +95,13 @@ class RowChecks:
         """Return whether the count has passed the end of its range; its offset is then that of the next range."""
         if self.last is None or self.pulse_m == 0.0 or self.refused:
             return False
-        before = self.last[1] - self.offset_m
+        previous = self.last[1] - self.offset_m
         limit = self.fastest_mps * (t - self.last[0]) + self.pulse_m
         for pulses in _RANGES:
             reach = pulses * self.pulse_m
-            beyond = float(np.copysign(reach, before - counted))
-            step = counted + beyond - before
-            is_within = max(abs(before), abs(counted)) < reach and limit < _PART * reach
+            beyond = float(np.copysign(reach, previous - counted))
+            step = counted + beyond - previous
+            is_within = max(abs(previous), abs(counted)) < reach and limit < _PART * reach
             if is_within and abs(step) <= limit and (self.signed or step >= 0.0):
                 self.offset_m += beyond
                 return True

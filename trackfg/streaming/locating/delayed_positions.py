@@ -98,11 +98,11 @@ def delayed_position_factor(
     residual = (1.0 - f) * D[k] + f * D[k + 1] + places.beyond - places.distance
     weight = _weights(residual, prior, places.sigma, loss)
     noise = np.diag(places.sigma**2 / weight)
-    left = noise @ np.linalg.solve(prior + noise, prior)
+    remainder = noise @ np.linalg.solve(prior + noise, prior)
     whitening = np.linalg.cholesky(between + noise)
     rows = np.linalg.solve(whitening, np.column_stack([G.T, -residual]))
     family = delayed_position(rows, states.take(slice(n, n + 1)))
-    return DelayedPositions(places, residual, weight, np.sqrt(np.diag(left)), family)
+    return DelayedPositions(places, residual, weight, np.sqrt(np.diag(remainder)), family)
 
 
 def _weights(residual: Array, prior: Array, sigma: Array, loss: Loss | None) -> Array:
@@ -112,6 +112,6 @@ def _weights(residual: Array, prior: Array, sigma: Array, loss: Loss | None) -> 
         return weight
     for _ in range(_ROUNDS):
         noise = np.diag(sigma**2 / weight)
-        left = noise @ np.linalg.solve(prior + noise, residual)
-        weight = np.maximum(loss.weight(np.abs(left) / sigma), _LEAST_WEIGHT)
+        remainder = noise @ np.linalg.solve(prior + noise, residual)
+        weight = np.maximum(loss.weight(np.abs(remainder) / sigma), _LEAST_WEIGHT)
     return weight

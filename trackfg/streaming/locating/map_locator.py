@@ -171,8 +171,8 @@ class MapLocator:
         at = self.follower.take(self.track.ascending(), begin_m, self._reference)
         if at is None:
             return None
-        before, self.followed = self.followed, at.reference_m - at.run_m if at.probability > SURE else None
-        if before is None or self.followed is None or abs(before - self.followed) > _AGREE_M:
+        previous, self.followed = self.followed, at.reference_m - at.run_m if at.probability > SURE else None
+        if previous is None or self.followed is None or abs(previous - self.followed) > _AGREE_M:
             return None
         shift = round(self.followed / self._step_m) * self._step_m
         recognition = self._recognise(shift, _FOUND_SD_M, rate_sd)

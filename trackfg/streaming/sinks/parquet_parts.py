@@ -101,8 +101,8 @@ class ParquetParts:
                 raise BadInputError(f"{table.folder}: is a link; expected a folder of this stream alone")
             try:
                 table.folder.mkdir(parents=True, exist_ok=True)
-                for left in table.folder.glob(f"{UNFINISHED}*"):
-                    left.unlink()
+                for leftover in table.folder.glob(f"{UNFINISHED}*"):
+                    leftover.unlink()
                 if state is None:
                     table.number = max(_numbers(table.folder), default=0) + 1
                 else:
@@ -221,11 +221,11 @@ def _go_back(table: _Table, part: int, rows: int) -> None:
     if numbers and numbers[-1] > max(part, len(numbers)):
         raise BadInputError(f"{table.folder}: part-{numbers[-1]:06d}.parquet is not this stream's: move it away")
     if rows:
-        there = _read(_place(table))
-        if there.num_rows < rows:
-            raise BadInputError(f"{_place(table)}: {there.num_rows} rows; expected {rows} as at the checkpoint")
-        table.schema = there.schema
-        table.keep(there.slice(0, rows))
+        part_table = _read(_place(table))
+        if part_table.num_rows < rows:
+            raise BadInputError(f"{_place(table)}: {part_table.num_rows} rows; expected {rows} as at the checkpoint")
+        table.schema = part_table.schema
+        table.keep(part_table.slice(0, rows))
         _write(_place(table), table.content())
         table.written = rows
     for number in _numbers(table.folder):

@@ -71,8 +71,8 @@ class RowParser:
         self._count += 1
         place = f"{self._place} {number}"
         event = UnreadableRows.of(f"bad-{self._place}", 1, fault.fault, f"{place}: {fault}", place)
-        before = self._faults.get(fault.fault)
-        self._faults[fault.fault] = event if before is None else before.joined(event)
+        previous = self._faults.get(fault.fault)
+        self._faults[fault.fault] = event if previous is None else previous.joined(event)
 
     @property
     def full(self) -> bool:
@@ -144,9 +144,9 @@ def stream_description(given: object, place: str) -> RecordingDescription:
         raise BadInputError(f"{place}: known_line: a stream uses none; expected no such key. Hint: use trackfg smooth")
     read = validated(data, place)
     if read.description is None:
-        found = errors(read.findings)
-        more = f" ({len(found) - 1} more errors)" if len(found) > 1 else ""
-        raise BadInputError(f"{found[0]}{more}")
+        faults = errors(read.findings)
+        more = f" ({len(faults) - 1} more errors)" if len(faults) > 1 else ""
+        raise BadInputError(f"{faults[0]}{more}")
     return read.description
 
 

@@ -271,7 +271,7 @@ def _vehicle_at(place: Array, seen_at: Array, t: Array, distance: Array, motion:
     return out
 
 
-def _clock(after: float, until: float, rate_hz: float) -> Array:
+def _clock(begin: float, until: float, rate_hz: float) -> Array:
     """Return whole multiples of the output interval after one time and up to another, s."""
-    first, last = np.floor(np.array([after, until]) * rate_hz + 1e-9)
+    first, last = np.floor(np.array([begin, until]) * rate_hz + 1e-9)
     return np.arange(first + 1.0, last + 1.0) / rate_hz

@@ -90,16 +90,16 @@ class GnssRecord:
     @classmethod
     def of_speeds(cls) -> GnssRecord:
         """Return the record of a receiver's speeds before the first."""
-        none, ones, one = np.zeros((0, 1)), np.ones((0, 1)), np.ones(1)
+        none, ones, unit = np.zeros((0, 1)), np.ones((0, 1)), np.ones(1)
         return cls(
             residual=none,
             variance=none,
             declared=none,
             factor=ones,
-            expected=one,
+            expected=unit,
             given=ones,
             level=ones,
-            newest_level=one,
+            newest_level=unit,
             kind=FactorType.GNSS_SPEED,
         )
 
@@ -137,17 +137,17 @@ class GnssRecord:
 
         Only a vehicle that has shown its heading, in motion, also determines its own position.
         """
-        before = self.factor.copy()
+        previous = self.factor.copy()
         if heading_known and self._err_less_than_the_rest():
             self._regain()
         judged = self.t > self.since_s
         if np.count_nonzero(judged) >= FEWEST:
             weighted = bool(np.any(self.factor[judged] > 1.0))
-            seen = errors_seen(self.t[judged], self.residual[judged], self.variance[judged], weighted=weighted)
-            self.factor[judged] = np.maximum(seen.factor, 1.0)
-            self.lasting = float(np.sqrt(np.median(seen.correlation)))
-            self.newest_level = np.maximum(seen.level[-1], 1.0)
-        return len(before) > 0 and have_changed(before, self.factor)
+            errors = errors_seen(self.t[judged], self.residual[judged], self.variance[judged], weighted=weighted)
+            self.factor[judged] = np.maximum(errors.factor, 1.0)
+            self.lasting = float(np.sqrt(np.median(errors.correlation)))
+            self.newest_level = np.maximum(errors.level[-1], 1.0)
+        return len(previous) > 0 and have_changed(previous, self.factor)
 
     @property
     def rest_erred(self) -> bool:

@@ -124,9 +124,9 @@ def _merge(first: MarginalisedKeyframes, second: MarginalisedKeyframes) -> Margi
     rows = np.zeros((2 * n, 2 * n + S.shape[1] + 1))  # x', x, x'', s, right-hand side
     rows[:n, :n], rows[:n, n : 2 * n], rows[:n, 3 * n : -1], rows[:n, -1] = S[:, :n], R, S[:, n:], d
     rows[n:, :n], rows[n:, 2 * n : -1], rows[n:, -1] = R_next, S_next, d_next
-    left = np.asarray(np.linalg.qr(rows, mode="r"))[n:, n:]
-    left *= np.sign(np.diagonal(left))[:, None]
-    merged = Conditionals(left[None, :, :n], left[None, :, n:-1], left[None, :, -1])
+    remainder = np.asarray(np.linalg.qr(rows, mode="r"))[n:, n:]
+    remainder *= np.sign(np.diagonal(remainder))[:, None]
+    merged = Conditionals(remainder[None, :, :n], remainder[None, :, n:-1], remainder[None, :, -1])
     return MarginalisedKeyframes(first.t, merged, point.take(slice(0, 1)).joined(next_point.take(slice(1, 2))))
 
 

@@ -85,8 +85,8 @@ class NoiseRecord:
 
     def at(self, t: Array) -> Array:
         """Return the levels of gyro and accelerometer of intervals that began at ``t`` (m,), s; shape (m, 2)."""
-        known = np.concatenate([self.inertial, self.newest[None]])
-        return np.asarray(known[np.searchsorted(self.t, t - _SAME_S)])
+        levels = np.concatenate([self.inertial, self.newest[None]])
+        return np.asarray(levels[np.searchsorted(self.t, t - _SAME_S)])
 
     def look_at_rests(self, buffer: SampleBuffer, rests: Array) -> Array:
         """Learn from what is new of ``rests`` (r, 2), s, and return by what the ``excess`` grew, (6,)."""
@@ -96,8 +96,8 @@ class NoiseRecord:
             return np.zeros(6)
         data = buffer.intervals(float(new[0, 0]), float(new[-1, 1]))
         self.at_rest = self.at_rest.joined(RestNoise.of(data, NoiseFloor.of(data), new), _MOST_MEANS)
-        self.rests_s, before, self.excess = float(new[-1, 1]), self.excess, self.at_rest.excess
-        return self.excess - before
+        self.rests_s, previous, self.excess = float(new[-1, 1]), self.excess, self.at_rest.excess
+        return self.excess - previous
 
     def with_rests(self, window: Window, buffer: SampleBuffer, rests: Array) -> Window:
         """Return the window with the noise that its ``rests`` (r, 2), s, show in all intervals."""
@@ -113,8 +113,8 @@ class NoiseRecord:
 
         ``groups``: the residuals of its intervals, of which the first ``leaving`` ones are marginalised next.
         """
-        before = self.at(window.t[:-1])
-        inertial, others, marginalised = before.copy(), self.others.copy(), np.zeros_like(self.sums)
+        previous = self.at(window.t[:-1])
+        inertial, others, marginalised = previous.copy(), self.others.copy(), np.zeros_like(self.sums)
         all_marginalised = np.zeros_like(self.all_sums)
         for i, name in enumerate(_GROUPS):
             if name not in groups:
@@ -122,18 +122,18 @@ class NoiseRecord:
             group, k = groups[name], i - len(_INERTIAL)
             first = group.keyframe < leaving
             if name in _INERTIAL:
-                level = before[group.keyframe, i]
-                seen, usual = levels_over_time(group, level, self.sums[i], self.all_sums[i])
-                inertial[group.keyframe, i] = settled(level, seen)
+                level = previous[group.keyframe, i]
+                estimate, usual = levels_over_time(group, level, self.sums[i], self.all_sums[i])
+                inertial[group.keyframe, i] = settled(level, estimate)
                 marginalised[i] = _sums(group, level, usual & first)
                 all_marginalised[i] = _sums(group, level, first)
             else:
                 level = np.full(len(first), self.others[k])
                 squares, redundancy = self.sums[i] + _sums(group, level, np.full(len(first), True))
-                seen = levels_seen(squares, redundancy) if redundancy > LEAST_REDUNDANCY else np.ones(())
-                others[k] = settled(self.others[k], seen)
+                estimate = levels_seen(squares, redundancy) if redundancy > LEAST_REDUNDANCY else np.ones(())
+                others[k] = settled(self.others[k], estimate)
                 marginalised[i] = _sums(group, level, first)
-        factors = inertial / before, others / self.others
+        factors = inertial / previous, others / self.others
         self._take(window.t, inertial, others, leaving)
         kept = np.exp((window.t[0] - window.t[leaving]) / _REMEMBERED_S)
         self.sums, self.all_sums = self.sums * kept + marginalised, self.all_sums * kept + all_marginalised
@@ -173,9 +173,9 @@ class NoiseRecord:
 
     def _take(self, t: Array, inertial: Array, others: Array, leaving: int) -> None:
         """Take the levels of a window whose keyframes are at ``t`` (n,), s."""
-        before = int(np.searchsorted(self.t, t[0] - _SAME_S))
-        self.t = np.concatenate([self.t[:before], t[:-1]])[-_MOST:]
-        self.inertial = np.concatenate([self.inertial[:before], inertial])[-_MOST:]
+        first = int(np.searchsorted(self.t, t[0] - _SAME_S))
+        self.t = np.concatenate([self.t[:first], t[:-1]])[-_MOST:]
+        self.inertial = np.concatenate([self.inertial[:first], inertial])[-_MOST:]
         self.newest, self.others = inertial[-1], others
         squares = np.concatenate([np.sum(inertial[:leaving] ** 2, axis=0), leaving * others**2])
         self.squared_levels, self.count = self.squared_levels + squares, self.count + leaving

@@ -158,22 +158,22 @@ class SampleBuffer:
         if not (len(self.breaks["imu"]) or bridged.any()):
             return np.zeros(0)
         holes = edges[max(low - 1, 0) + 1 + np.flatnonzero(np.diff(bridged))]
-        after = np.searchsorted(edges, self.breaks["imu"][:, 1], side="right")
-        ends = np.concatenate([holes, edges[after[after < len(edges)]], edges[np.maximum(after - 1, 0)]])
+        following = np.searchsorted(edges, self.breaks["imu"][:, 1], side="right")
+        ends = np.concatenate([holes, edges[following[following < len(edges)]], edges[np.maximum(following - 1, 0)]])
         return np.sort(ends[(ends > begin + 1e-6) & (ends <= until)])
 
     def has_break(self, begin: float, until: float) -> bool:
         """Return whether the first sample after a break lies between two edges of the inertial record."""
-        after = self.breaks["imu"][:, 1]
-        return bool(((after >= begin) & (after < until)).any())
+        ends = self.breaks["imu"][:, 1]
+        return bool(((ends >= begin) & (ends < until)).any())
 
     def other_rows_between(self, begin: float, end: float) -> Recording:
         """Return a recording of the fixes and GNSS after ``begin`` and up to ``end``, s, and of further sensors.
 
         Of these there are rows from just before and after as well.
         """
-        after, until = begin + _SAME_S, end + _SAME_S
-        fixes, gnss = (self._frame(name, self.positions[name], after, until) for name in _POSITIONS)
+        since, until = begin + _SAME_S, end + _SAME_S
+        fixes, gnss = (self._frame(name, self.positions[name], since, until) for name in _POSITIONS)
         return Recording(
             self.description,
             NO_SAMPLES,
@@ -219,9 +219,9 @@ class SampleBuffer:
     def mean_rate(self, t: float) -> Array:
         """Return the gyro's mean rate around a time, rad/s, shape (1, 3): beside a hole, the bridged one."""
         edges = self.inertial.edges
-        before, after = int(np.searchsorted(edges, t)) - 1, int(np.searchsorted(edges, t, side="right"))
-        begin = min(t - 2.0 * RATE_WINDOW_S, float(edges[max(before, 0)]))
-        end = max(t + 2.0 * RATE_WINDOW_S, float(edges[min(after, len(edges) - 1)]))
+        lower, upper = int(np.searchsorted(edges, t)) - 1, int(np.searchsorted(edges, t, side="right"))
+        begin = min(t - 2.0 * RATE_WINDOW_S, float(edges[max(lower, 0)]))
+        end = max(t + 2.0 * RATE_WINDOW_S, float(edges[min(upper, len(edges) - 1)]))
         data = self.intervals(begin, end)
         return means_around(np.array([t]), RATE_WINDOW_S, data.edges, data.gyro)
 

@@ -110,8 +110,8 @@ class TachBuffer:
         """
         fresh = rows[(rows[:, 0] > self.rows[-1, 0]) & (rows[:, 0] <= until)]
         self._learn(fresh)
-        self.sense = before = self._sense_at(speeds[0])
-        sense = np.where(fresh[:, 0] > newest_s, self._sense_at(speeds[1]), before)
+        self.sense = old_sense = self._sense_at(speeds[0])
+        sense = np.where(fresh[:, 0] > newest_s, self._sense_at(speeds[1]), old_sense)
         raw = np.concatenate([np.full(len(self.rows), self.raw), fresh[:, 1]])
         turned = (raw[1:] - raw[:-1])[len(self.rows) - 1 :]
         signed = self.rows[-1, 1] + np.cumsum(sense * turned)
