@@ -28,12 +28,12 @@ def with_balise_fixes(recording: Recording) -> Recording:
     passages, part = recording.balises, recording.description.balises
     if passages is None or part is None:
         return recording
-    known = passages.dropna()
-    if known.empty:
+    complete = passages.dropna()
+    if complete.empty:
         return recording
-    passes = known.groupby("id")["id"].transform("size")
-    sd = np.hypot(np.sqrt(passes) * known["chainage_sd_m"], part.reading_sd_m)
-    of_balises = known.assign(chainage_sd_m=sd)[list(FIX_COLUMNS)]
+    passes = complete.groupby("id")["id"].transform("size")
+    sd = np.hypot(np.sqrt(passes) * complete["chainage_sd_m"], part.reading_sd_m)
+    of_balises = complete.assign(chainage_sd_m=sd)[list(FIX_COLUMNS)]
     fixes = of_balises if recording.fixes is None else pd.concat([recording.fixes, of_balises])
     described = recording.description.fixes or Fixes(file=part.file, time=part.time, time_offset_s=part.time_offset_s)
     return replace(

@@ -188,21 +188,21 @@ def _reassessed(run: SolvedRun, judged: _Judged) -> Reassessment:
     t = problem.t[family.slots[0].index] + family.data["delay"][:, 0]
     residual, followed = predicted(family, states, run.covariance)
     in_sigmas = residual / declared.sigma
-    before = problem.gnss_level.get(judged.type)
-    if before is not None and have_grown(without_outliers(judged.type, in_sigmas, before), before):
+    level = problem.gnss_level.get(judged.type)
+    if level is not None and have_grown(without_outliers(judged.type, in_sigmas, level), level):
         return Reassessment(problem, (judged.held_others,))
     variance = np.diagonal(followed, axis1=1, axis2=2) / declared.sigma**2
     used = family.sigma / declared.sigma
-    seen = errors_seen(t, in_sigmas, variance, weighted=before is not None, used=used)
+    errors = errors_seen(t, in_sigmas, variance, weighted=level is not None, used=used)
     least = 1.0 if run.config.position.gnss_correlation_s else 0.0
-    sigma = declared.sigma * np.maximum(seen.factor, least)
+    sigma = declared.sigma * np.maximum(errors.factor, least)
     changed = have_changed(family.sigma, sigma)
     if changed:
-        width = run.config.position.gnss_width / float(np.sqrt(np.median(seen.correlation)))
+        width = run.config.position.gnss_width / float(np.sqrt(np.median(errors.correlation)))
         again = replace(family, sigma=sigma, loss=Huber(width))
         families = tuple(again if f is family else f for f in problem.families)
-        problem = replace(problem, families=families, gnss_level={**problem.gnss_level, judged.type: seen.level})
-    return Reassessment(problem, _findings(t, seen, judged), changed=changed)
+        problem = replace(problem, families=families, gnss_level={**problem.gnss_level, judged.type: errors.level})
+    return Reassessment(problem, _findings(t, errors, judged), changed=changed)
 
 
 def _groups(residual: Array) -> tuple[slice, ...]:
@@ -241,12 +241,12 @@ def errors_seen(
     """
     if not weighted:
         return _errors(t, residual, followed, 1.0)
-    seen = _likelier(t, residual, followed)
+    errors = _likelier(t, residual, followed)
     if used is not None:
         for _ in range(_ROUNDS - 1):
-            growth = max(1.0, float(np.median(seen.factor / used)))
-            seen = _likelier(t, residual, followed * growth**_FOLLOWS)
-    return seen
+            growth = max(1.0, float(np.median(errors.factor / used)))
+            errors = _likelier(t, residual, followed * growth**_FOLLOWS)
+    return errors
 
 
 def _likelier(t: Array, residual: Array, followed: Array) -> GnssErrors:
@@ -293,8 +293,8 @@ def _likelihood(t: Array, residual: Array, level: Array) -> float:
     for part in (far, ~far):
         pairs = adjacent & part[1:]
         if np.any(bounded[:-1][pairs]):
-            before, after = bounded[:-1][pairs], bounded[1:][pairs]
-            innovation = z[1:][pairs] - z[:-1][pairs] * np.sum(before * after) / np.sum(before**2)
+            previous, current = bounded[:-1][pairs], bounded[1:][pairs]
+            innovation = z[1:][pairs] - z[:-1][pairs] * np.sum(previous * current) / np.sum(previous**2)
             scale = max(float(np.median(np.abs(innovation))), np.finfo(float).eps)
             total -= float(np.sum(np.log(scale * level[1:][pairs]) + np.log1p((innovation / scale) ** 2)))
     return total
@@ -344,9 +344,9 @@ def _correlation(t: Array, residual: Array, followed: Array, part: np.ndarray) -
     return 1.0 + 2.0 * max(sum(rho), share * phi / (1.0 - phi))
 
 
-def _findings(t: Array, seen: GnssErrors, judged: _Judged) -> tuple[Finding, ...]:
+def _findings(t: Array, errors: GnssErrors, judged: _Judged) -> tuple[Finding, ...]:
     """Return a warning where measurements are far worse than they declare, with the worst spans."""
-    size = np.sqrt(np.mean(seen.level**2, axis=1))
+    size = np.sqrt(np.mean(errors.level**2, axis=1))
     if np.sqrt(np.mean(size**2)) < _FINDING:
         return ()
     spans = sorted(true_runs(size > _FAR * np.median(size)), key=lambda span: -float(size[slice(*span)].max()))

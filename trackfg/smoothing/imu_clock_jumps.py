@@ -49,10 +49,10 @@ def imu_clock_jumps(recording: Recording) -> tuple[ImuClockJump, ...]:
     for number, i in enumerate(holes):
         by = float(steps[i]) - interval
         end = t[holes[number + 1]] if number + 1 < len(holes) else t[-1]
-        before = _offset(recording, max(begin, t[i] - _SIDE_S), t[i], ahead, 0.0)
-        after = _offset(recording, t[i + 1], min(end, t[i + 1] + _SIDE_S), ahead, by)
+        earlier = _offset(recording, max(begin, t[i] - _SIDE_S), t[i], ahead, 0.0)
+        later = _offset(recording, t[i + 1], min(end, t[i + 1] + _SIDE_S), ahead, by)
         begin = t[i + 1]
-        if before is not None and after is not None and _changes_by(by, before, after):
+        if earlier is not None and later is not None and _changes_by(by, earlier, later):
             jumps.append(ImuClockJump(float(t[i]), by))
             ahead += by
     return tuple(jumps)
@@ -93,12 +93,12 @@ def _offset(recording: Recording, begin: float, end: float, ahead: float, by: fl
     rows = tach[tach["t_s"].between(part["t_s"].iloc[0] - reach, part["t_s"].iloc[-1] + reach)] if len(part) else tach
     if len(part) < 2 or len(rows) < 2:
         return None
-    found = estimate_clock_offset(replace(recording, imu=part, tach=rows.reset_index(drop=True)), reach)
-    return None if found is None else replace(found, offset_s=found.offset_s + 0.5 * by)
+    estimate = estimate_clock_offset(replace(recording, imu=part, tach=rows.reset_index(drop=True)), reach)
+    return None if estimate is None else replace(estimate, offset_s=estimate.offset_s + 0.5 * by)
 
 
-def _changes_by(by: float, before: ClockOffset, after: ClockOffset) -> bool:
+def _changes_by(by: float, earlier: ClockOffset, later: ClockOffset) -> bool:
     """Return whether the offset changes by as much as the hole, and not by nothing."""
-    allowed = max(_SIGMAS * float(np.hypot(before.sd_s, after.sd_s)), _APART_S)
-    change = after.offset_s - before.offset_s
+    allowed = max(_SIGMAS * float(np.hypot(earlier.sd_s, later.sd_s)), _APART_S)
+    change = later.offset_s - earlier.offset_s
     return abs(change - by) < allowed < 0.5 * by

@@ -162,8 +162,8 @@ def _solved_with(
     for _ in range(_ROUNDS):
         solvable = replace(problem, families=(*problem.families, *_families(run, keyframes, feet)))
         run = solved_again(replace(run, problem=replace(solvable, initial=run.solution.states)), False)
-        before, feet = feet.place, network.feet_on(feet, _places(run, keyframes))
-        if np.linalg.norm(feet.place - before, axis=1).max() < _SETTLED_M:
+        previous, feet = feet.place, network.feet_on(feet, _places(run, keyframes))
+        if np.linalg.norm(feet.place - previous, axis=1).max() < _SETTLED_M:
             break
     return run
 

@@ -137,9 +137,9 @@ def with_gnss_in_time(recording: Recording, tach_clock_sd_s: float) -> Recording
     tables = recording.tables
     of_receiver = [name for name in ("gnss", GNSS_SPEED_TABLE) if name in tables]
     moved = {name: tables[name].assign(t_s=tables[name]["t_s"] + offset.offset_s) for name in of_receiver}
-    said = with_antenna_named([_set(name, offset.offset_s, sd_s) for name in moved], recording.description.gnss)
+    findings = with_antenna_named([_set(name, offset.offset_s, sd_s) for name in moved], recording.description.gnss)
     others = {name: moved.get(name, table) for name, table in recording.others.items()}
-    return replace(recording, gnss=moved["gnss"], others=others, findings=(*recording.findings, *said))
+    return replace(recording, gnss=moved["gnss"], others=others, findings=(*recording.findings, *findings))
 
 
 def gnss_moved_s(declared: Recording, moved: Recording) -> float:

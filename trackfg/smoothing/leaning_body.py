@@ -71,17 +71,17 @@ def leaning_body(run: SolvedRun) -> Reassessment:
     lean = _lean(at)
     if lean.share - _LEAST < _SURE_SIGMAS * lean.sd:
         return Reassessment(run.problem)
-    said = (
+    message = (
         f"in curves the vehicle leans outwards by {100 * lean.share:.0f} +- {100 * lean.sd:.0f} % of the cant "
         "deficiency: the sensor is on springs and was declared rigid"
     )
     angle = lean.share / (1.0 + lean.share) * (_pull(at) + at.roll)
     factor = float(np.sqrt(1.0 + np.mean(angle**2) / np.mean(at.roll_variance)))
     doubts = (
-        Doubt(("cross_level", "twist", "level", "alignment"), np.inf, said, _HINT),
-        Doubt(("roll",), factor, said, _HINT),
+        Doubt(("cross_level", "twist", "level", "alignment"), np.inf, message, _HINT),
+        Doubt(("roll",), factor, message, _HINT),
     )
-    return Reassessment(run.problem, (Finding("warning", "leaning-body", said, hint=_HINT),), doubts)
+    return Reassessment(run.problem, (Finding("warning", "leaning-body", message, hint=_HINT),), doubts)
 
 
 def _lean(at: Passage) -> _Lean:

@@ -114,16 +114,16 @@ def noise_levels(run: SolvedRun) -> Reassessment:
 def levels(declared: Problem, problem: Problem) -> dict[str, float]:
     """Return by what the sigmas of each group are larger than those that were declared, rms over the run."""
     ratio = np.sqrt(problem.run.noise.variance / declared.run.noise.variance)
-    found = {"gyro": ratio[:, :3], "accel": ratio[:, 3:]}
+    ratios = {"gyro": ratio[:, :3], "accel": ratio[:, 3:]}
     for family in problem.families:
-        before = declared.family(family.type)
-        if before is None or before.sigma.shape != family.sigma.shape:
+        original = declared.family(family.type)
+        if original is None or original.sigma.shape != family.sigma.shape:
             continue
         if family.type in GROUPS:
-            found[GROUPS[family.type]] = family.sigma / before.sigma
+            ratios[GROUPS[family.type]] = family.sigma / original.sigma
         elif family.type is FactorType.BIAS_WALK:
-            found |= {name: family.sigma[:, part] / before.sigma[:, part] for name, part in _WALKS.items()}
-    return {name: float(np.sqrt(np.mean(factor**2))) for name, factor in found.items()}
+            ratios |= {name: family.sigma[:, part] / original.sigma[:, part] for name, part in _WALKS.items()}
+    return {name: float(np.sqrt(np.mean(factor**2))) for name, factor in ratios.items()}
 
 
 def levels_seen(squares: Array | float, redundancy: Array | float, tests: float = 1.0) -> Array:
@@ -150,20 +150,22 @@ def _level_like(other: float, squares: float, redundancy: float) -> float:
 def _with_inertial_levels(run: SolvedRun, residuals: dict[str, Residuals]) -> Problem:
     """Return the run's problem with the white noise of its intervals as seen; itself where that is as it was."""
     problem, declared = run.problem, run.declared.run.noise
-    before = np.sqrt(problem.run.noise.variance / declared.variance)
-    after = before.copy()
+    level = np.sqrt(problem.run.noise.variance / declared.variance)
+    new_level = level.copy()
     for columns, name in ((slice(0, 3), "gyro"), (slice(3, 6), "accel")):
         if name in residuals:
             group = residuals[name]
-            after[group.keyframe, columns] = levels_over_time(group, before[group.keyframe, columns.start])[0][:, None]
-    moved = (settled(before, after) != before).any(axis=1)
+            new_level[group.keyframe, columns] = levels_over_time(group, level[group.keyframe, columns.start])[0][
+                :, None
+            ]
+    moved = (settled(level, new_level) != level).any(axis=1)
     if not moved.any():
         return problem
-    after[~moved] = before[~moved]
-    noise = WhiteNoise.of_variance(declared.variance * after**2)
+    new_level[~moved] = level[~moved]
+    noise = WhiteNoise.of_variance(declared.variance * new_level**2)
     measured = list(problem.measured)
     for k in np.flatnonzero(moved).tolist():
-        noise_of_it = run.declared.measured[k].noise.scaled(*np.split(after[k], 2))
+        noise_of_it = run.declared.measured[k].noise.scaled(*np.split(new_level[k], 2))
         measured[k] = replace(measured[k], noise=noise_of_it)
     return replace(problem, run=replace(problem.run, noise=noise), measured=tuple(measured))
 
@@ -179,14 +181,14 @@ def levels_over_time(
     """
     squares, redundancy = np.sum(group.values**2, axis=1) * level**2, np.sum(group.redundancy, axis=1)
     near, near_redundancy = (_NEARBY * uniform_filter1d(x, _NEARBY, mode="constant") for x in (squares, redundancy))
-    found = levels_seen(near, near_redundancy, tests=max(1.0, len(squares) / _NEARBY))
-    usual = found == 1.0
-    found[usual] = levels_seen(earlier[0] + np.sum(squares[usual]), earlier[1] + np.sum(redundancy[usual]))
+    estimate = levels_seen(near, near_redundancy, tests=max(1.0, len(squares) / _NEARBY))
+    usual = estimate == 1.0
+    estimate[usual] = levels_seen(earlier[0] + np.sum(squares[usual]), earlier[1] + np.sum(redundancy[usual]))
     if not usual.all():
         over_all = levels_seen(all_earlier[0] + np.sum(squares), all_earlier[1] + np.sum(redundancy))
-        own = (_AGREEING * over_all**2 + near[~usual]) / (_AGREEING + np.maximum(near_redundancy[~usual], _NONE))
-        found[~usual] = np.sqrt(own)
-    return found, usual
+        variance = (_AGREEING * over_all**2 + near[~usual]) / (_AGREEING + np.maximum(near_redundancy[~usual], _NONE))
+        estimate[~usual] = np.sqrt(variance)
+    return estimate, usual
 
 
 def _with_level(
@@ -206,8 +208,8 @@ def _with_level(
     level = level if ours else 1.0
     squares, redundancy = (float(np.sum(part[:, columns])) for part in (group.values**2, group.redundancy))
     squares *= level**2
-    seen = float(levels_seen(squares, redundancy)) if other == 1.0 else _level_like(other, squares, redundancy)
-    factor = seen / level
+    estimate = float(levels_seen(squares, redundancy)) if other == 1.0 else _level_like(other, squares, redundancy)
+    factor = estimate / level
     if abs(np.log(factor)) < np.log(_RAISED):
         return problem
 

@@ -141,7 +141,7 @@ def _rail_factors_at_rest(problem: Problem, states: States, view: RailView, conf
     start, end = states.nav[k], states.nav[k + 1]
     back, m = np.swapaxes(start.R, 1, 2), len(k)
     noise = np.sqrt(2.0) * np.array(view.sd(window))
-    seen = RailSightings(
+    sightings = RailSightings(
         first=k,
         start=k,
         across=_across(start.R[:, :, 0]) @ start.R,
@@ -153,7 +153,7 @@ def _rail_factors_at_rest(problem: Problem, states: States, view: RailView, conf
         turn=back @ end.R,
         detail=np.zeros((m, 3)),
     )
-    return same_rail(seen, np.tile(np.hypot(noise, config.match_sd_m), (m, 1)), Huber(config.robust_width))
+    return same_rail(sightings, np.tile(np.hypot(noise, config.match_sd_m), (m, 1)), Huber(config.robust_width))
 
 
 def _across(along: Array) -> Array:

@@ -65,7 +65,7 @@ def others_are_worse(noise_ratios: Mapping[str, float], ratio: float) -> bool:
 
     It is not GNSS then which is wrong first. ``noise_ratios``: actual over assumed noise of each group.
     """
-    worst = max((seen for name, seen in noise_ratios.items() if name not in _OF_GNSS), default=1.0)
+    worst = max((noise_ratio for name, noise_ratio in noise_ratios.items() if name not in _OF_GNSS), default=1.0)
     return worst > max(_BLAMED, ratio)
 
 
@@ -82,16 +82,16 @@ def reassessed(
     ``solved_again(run, far)`` solves the run's problem, whose initial values are those of the last solution, and
     has the covariance of the new one.
     """
-    for left in reversed(range(run.config.noise.rounds + 1)):
+    for rounds_left in reversed(range(run.config.noise.rounds + 1)):
         problem = run.problem
-        said: list[Reassessment] = []
+        reassessments: list[Reassessment] = []
         for reassessor in reassessors:
-            is_changing = any(one.changed for one in said)
-            said.append(reassessor(replace(run, problem=problem, is_changing=is_changing)))
-            problem = said[-1].problem
-        if not left or not any(one.changed for one in said):
+            is_changing = any(one.changed for one in reassessments)
+            reassessments.append(reassessor(replace(run, problem=problem, is_changing=is_changing)))
+            problem = reassessments[-1].problem
+        if not rounds_left or not any(one.changed for one in reassessments):
             break
         problem = replace(problem, initial=run.solution.states)
-        run = solved_again(replace(run, problem=problem), any(one.far for one in said))
-    findings = tuple(finding for one in said for finding in one.findings)
-    return replace(run, findings=findings, doubts=tuple(doubt for one in said for doubt in one.doubts))
+        run = solved_again(replace(run, problem=problem), any(one.far for one in reassessments))
+    findings = tuple(finding for one in reassessments for finding in one.findings)
+    return replace(run, findings=findings, doubts=tuple(doubt for one in reassessments for doubt in one.doubts))

@@ -195,8 +195,8 @@ def smooth(
     passages, balises = BalisePassages.none(), None
     findings: tuple[Finding, ...] = (*measured.findings, *correction.findings)
     if measured.balises is not None:
-        own = own_passages(measured, smoothed.problem, smoothed.solution.states)
-        passages = widened_passages(own, smoothed.verdicts)
+        run_passages = own_passages(measured, smoothed.problem, smoothed.solution.states)
+        passages = widened_passages(run_passages, smoothed.verdicts)
     if (km := recording.description.kilometrage) is not None and not _is_placed(anchored, smoothed.located):
         findings = (*findings, *unplaced(smoothed.trajectory["chainage_m"], km))
     if len(passages):

@@ -84,9 +84,9 @@ def roll_at_no_curvature(at: Passage) -> tuple[float, float]:
     away = curvature - mean
     spread = float(away @ away)
     slope = float(away @ roll) / spread
-    left = roll - roll.mean() - slope * away
+    residual = roll - roll.mean() - slope * away
     lever = 1.0 / len(roll) + mean**2 / spread
-    variance = np.mean(at.roll_variance) + np.mean(left**2) * lever * 2 * half + (slope * mean) ** 2
+    variance = np.mean(at.roll_variance) + np.mean(residual**2) * lever * 2 * half + (slope * mean) ** 2
     return float(roll.mean() - slope * mean), float(np.sqrt(variance))
 
 
@@ -120,8 +120,8 @@ def unexplained_roll(roll: float, variance: float) -> float:
 def in_words(roll: float) -> str:
     """Say what a mean roll on straights, rad, is."""
     degrees, way = np.degrees(roll), "left" if roll > 0 else "right"
-    seen = f"on straights the {way} side is {abs(degrees):.2f} deg up on average"
-    return f"{seen}: the sensor is mounted so, or the track is canted"
+    tilt = f"on straights the {way} side is {abs(degrees):.2f} deg up on average"
+    return f"{tilt}: the sensor is mounted so, or the track is canted"
 
 
 def _findings(roll: float, unexplained: float) -> tuple[Finding, ...]:

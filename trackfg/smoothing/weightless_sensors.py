@@ -85,20 +85,20 @@ def without_held_rows(recording: Recording) -> Recording:
     held = held_in(recording)
     if not held:
         return recording
-    said = (replace(one, message=f"{one.message}; they are left out") for one in held_findings(held))
+    findings = (replace(one, message=f"{one.message}; they are left out") for one in held_findings(held))
     tables = {name: recording.tables[name][~rows].reset_index(drop=True) for name, rows in held.items()}
-    return replace(recording.with_tables(tables), findings=(*recording.findings, *said))
+    return replace(recording.with_tables(tables), findings=(*recording.findings, *findings))
 
 
 def without_contradicted_speeds(recording: Recording, limits: CheckLimits) -> Recording:
     """Return the recording without its receiver's speeds where positions or tach contradict them, with a finding."""
     scale = receiver_speed_scale(recording.others.get(GNSS_SPEED_TABLE), recording.gnss, recording.tach)
-    found = receiver_speed_findings(recording.description.gnss_speed, scale, limits)
-    if not found:
+    contradictions = receiver_speed_findings(recording.description.gnss_speed, scale, limits)
+    if not contradictions:
         return recording
-    said = (replace(one, message=f"{one.message}; they are left out") for one in found)
+    findings = (replace(one, message=f"{one.message}; they are left out") for one in contradictions)
     others = {name: table for name, table in recording.others.items() if name != GNSS_SPEED_TABLE}
-    return replace(recording, others=others, findings=(*recording.findings, *said))
+    return replace(recording, others=others, findings=(*recording.findings, *findings))
 
 
 def weightless_sensors(run: SolvedRun) -> Reassessment:
@@ -146,10 +146,10 @@ def _ratio(family: Family, states: States) -> str:
         return ""
     ratio = float(np.median(moved))
     text = f"; the vehicle moves {ratio:.3g} times as far as they say"
-    for known, meaning in (
+    for unit_ratio, meaning in (
         (KMH, "they are in km/h, declared in m/s"),
         (1.0 / KMH, "they are in m/s, declared in km/h"),
     ):
-        if abs(ratio / known - 1.0) < _UNIT:
+        if abs(ratio / unit_ratio - 1.0) < _UNIT:
             return f"{text}: {meaning}"
     return text

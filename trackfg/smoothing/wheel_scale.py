@@ -233,8 +233,8 @@ def _change(run: SolvedRun) -> Iterator[Finding]:
         return
     # Where it changes most within a kilometre's tenth: half of that on either side.
     way = np.abs(np.diff(run.solution.states.odo.distance, prepend=run.solution.states.odo.distance[0])).cumsum()
-    after, before = (np.interp(way + half, way, scale) for half in (50.0, -50.0))
-    at = float(run.problem.t[int(np.argmax(np.abs(after - before)))])
+    ahead, behind = (np.interp(way + half, way, scale) for half in (50.0, -50.0))
+    at = float(run.problem.t[int(np.argmax(np.abs(ahead - behind)))])
     message = (
         f"the wheel's scale changes by {100.0 * change:.2g} % in the run, most about {at:.0f} s: creep, another wheel, "
         "or a new calibration"

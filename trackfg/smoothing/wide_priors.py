@@ -129,8 +129,8 @@ def _calibration() -> Iterator[_Scalar]:
         yield _Scalar(next(column), text, hint.format("g_sensitivity_sd"))
     column, text = count(EARTH.start), "the Earth turns about the axis {} by {{}} deg/h"
     for axis in ("of the heading at the start", "to the left of the heading at the start"):
-        said = text.format(axis)
-        yield _Scalar(next(column), said, _EARTH_HINT, 1.0 / DEG_PER_H, least_sd=0.0, limit=_EARTH_SIGMAS)
+        sentence = text.format(axis)
+        yield _Scalar(next(column), sentence, _EARTH_HINT, 1.0 / DEG_PER_H, least_sd=0.0, limit=_EARTH_SIGMAS)
 
 
 def _wheel() -> Iterator[_Scalar]:
@@ -178,16 +178,16 @@ def wide_priors(run: SolvedRun) -> Reassessment:
         now = [family for family in problem.families if family.type is FactorType[f"PRIOR_{kind.name}"]]
         for first, current in zip(declared, now, strict=True):
             judged = _judged(run, kind, first, current)
-            known = first.sigma[0]
+            prior_sd = first.sigma[0]
             of_it = _RECEIVER if kind is Kind.SENSOR and _is_of_receiver(problem, current) else scalars
-            columns = {scalar.column: scalar for scalar in of_it if known[scalar.column] >= scalar.least_sd}
+            columns = {scalar.column: scalar for scalar in of_it if prior_sd[scalar.column] >= scalar.least_sd}
             far = [c for c, scalar in columns.items() if abs(judged.sigmas[c]) > scalar.limit]
             if kind is Kind.MOUNT and not _shows_mounting(run, judged.alone[far], _FARTHEST[far]):
                 far = []
             if kind is Kind.IMU and far and (without_noise := _of_motion(run, problem)) is not None:
                 any_changed, problem = True, without_noise
                 continue
-            findings += _contradictions(kind, judged, [columns[c] for c in far], known)
+            findings += _contradictions(kind, judged, [columns[c] for c in far], prior_sd)
             if kind is Kind.MOUNT:
                 findings += _mounting_notes(run, far)
             wanted = np.where(np.abs(judged.sigmas) < _NEAR_SIGMAS, first.sigma, current.sigma)
@@ -199,8 +199,8 @@ def wide_priors(run: SolvedRun) -> Reassessment:
                 beyond = np.abs(judged.alone[far]) / np.hypot(widest[far], judged.spread[far])
                 doubts += [_unexplained(float(beyond.max()))] if (beyond > 1.0).any() else []
             # Conventions, and what has no text, are left to other reassessors.
-            left = np.setdiff1d(np.arange(wanted.shape[1]), list(columns))
-            wanted[0, left] = current.sigma[0, left]
+            others = np.setdiff1d(np.arange(wanted.shape[1]), list(columns))
+            wanted[0, others] = current.sigma[0, others]
             if np.abs(np.log(wanted / current.sigma)).max() > np.log(_WIDENED):
                 any_changed, problem = True, _with_sigma(problem, current, wanted)
     return Reassessment(problem, tuple(findings), tuple(doubts), changed=any_changed)
@@ -297,13 +297,13 @@ def _contradictions(kind: Kind, judged: _Judged, far: list[_Scalar], sigma: Arra
     """Return one finding for what is far from one prior."""
     if not far:
         return []
-    said = "; ".join(
+    sentence = "; ".join(
         f"{one.said(float(judged.alone[one.column]))}, {abs(judged.sigmas[one.column]):.1f} sigmas from what was "
         f"declared or assumed to {sigma[one.column]:.2g}"
         for one in far
     )
     hint = "; ".join(dict.fromkeys(one.hint for one in far))
-    return [Finding("warning", f"far-from-prior-{kind.attribute}", f"{said}. The data decided", hint=hint)]
+    return [Finding("warning", f"far-from-prior-{kind.attribute}", f"{sentence}. The data decided", hint=hint)]
 
 
 def _mounting_notes(run: SolvedRun, far: list[int]) -> Iterator[Finding]:
@@ -311,8 +311,8 @@ def _mounting_notes(run: SolvedRun, far: list[int]) -> Iterator[Finding]:
     mount, sd = run.solution.states.mount[0], np.sqrt(np.diagonal(run.covariance.of(Kind.MOUNT)[0]))
     notable = (np.abs(mount) > _FAR_SIGMAS * sd) & (np.abs(mount) > _WORTH_A_LINE)
     notable[far] = False
-    said = [scalar.said(float(mount[scalar.column])) for scalar in _SCALARS[Kind.MOUNT] if notable[scalar.column]]
-    if said:
+    sentences = [scalar.said(float(mount[scalar.column])) for scalar in _SCALARS[Kind.MOUNT] if notable[scalar.column]]
+    if sentences:
         to_vehicle = mount_matrix(mount[None])[0].T
         turn, place = np.degrees(rpy_from_matrix(to_vehicle[None])[0]), -to_vehicle @ mount[2:]
         declared = {"mount_rpy_deg": (turn, 2, notable[:2]), "lever_arm_m": (place, 1, notable[2:])}
@@ -322,4 +322,4 @@ def _mounting_notes(run: SolvedRun, far: list[int]) -> Iterator[Finding]:
             if noted.any()
         )
         hint = f"where [imu] declares nothing: {', '.join(keys)}; else change what it declares by as much"
-        yield Finding("info", "mounting", "; ".join(said) + " (estimated)", hint=hint)
+        yield Finding("info", "mounting", "; ".join(sentences) + " (estimated)", hint=hint)

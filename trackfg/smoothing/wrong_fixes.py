@@ -74,19 +74,19 @@ def wrong_fixes(run: SolvedRun) -> Reassessment:
     fixes, withheld = _fixes(problem), family_of(problem.withheld, FactorType.WITHHELD_FIX)
     if fixes is None or fixes.loss is None:
         return Reassessment(problem)
-    before = _level(run)
-    one = left_out(fixes, states, run.covariance)
-    predicted = one.covariance[:, 0, 0]
-    level = fix_level(one.error[:, 0], fixes.sigma[:, 0] / before, predicted)
-    if abs(np.log(level / before)) < _SETTLED or others_are_worse(run.noise_ratios, level):
-        level = before
-    rescaled = fixes.with_sigma(fixes.sigma * (level / before))
-    wrong = _wrong_alone(fixes.slots[0].index, one.in_sigmas(rescaled.sigma)[:, 0])
-    wrong &= _likelier_wrong(problem, rescaled, one.error[:, 0], predicted)
+    old_level = _level(run)
+    prediction = left_out(fixes, states, run.covariance)
+    predicted = prediction.covariance[:, 0, 0]
+    level = fix_level(prediction.error[:, 0], fixes.sigma[:, 0] / old_level, predicted)
+    if abs(np.log(level / old_level)) < _SETTLED or others_are_worse(run.noise_ratios, level):
+        level = old_level
+    rescaled = fixes.with_sigma(fixes.sigma * (level / old_level))
+    wrong = _wrong_alone(fixes.slots[0].index, prediction.in_sigmas(rescaled.sigma)[:, 0])
+    wrong &= _likelier_wrong(problem, rescaled, prediction.error[:, 0], predicted)
     used, aside = rescaled.take(~wrong), withheld_fix(rescaled.take(wrong))
-    changed = bool(wrong.any()) or level != before
+    changed = bool(wrong.any()) or level != old_level
     if withheld is not None:
-        withheld = withheld.with_sigma(withheld.sigma * (level / before))
+        withheld = withheld.with_sigma(withheld.sigma * (level / old_level))
         again = np.abs(left_out(withheld, states, run.covariance, used=False).in_sigmas(withheld.sigma)[:, 0])
         fits = again < _AGAIN_SIGMAS
         used, changed = used.joined(followed_fix(withheld.take(fits))), changed or bool(fits.any())

@@ -23,8 +23,8 @@ def judged(run: SolvedRun, geometry: pd.DataFrame) -> tuple[Verdict, ...]:
     if not run.solution.converged:
         return verdicts([*_of_solver(run), *run.doubts])
     tested = self_test(run)
-    seen = [*path_doubts(run), *gradient_doubts(run), *vibration_doubts(run, geometry)]
-    return verdicts([*_of_what_is_measured(run), *tested.doubts, *seen, *run.doubts], tested.checked_by)
+    motion_doubts = [*path_doubts(run), *gradient_doubts(run), *vibration_doubts(run, geometry)]
+    return verdicts([*_of_what_is_measured(run), *tested.doubts, *motion_doubts, *run.doubts], tested.checked_by)
 
 
 def _of_solver(run: SolvedRun) -> list[Doubt]:

@@ -44,8 +44,8 @@ _HINT = "cut the recording to the time in which the tach has rows"
 
 def recording_findings(recording: Recording, limits: CheckLimits) -> tuple[Finding, ...]:
     """Return the errors and warnings that ``trackfg check`` has for the contents, but for what is estimated."""
-    found = contradictions(recording, estimates_of(recording), limits)
-    return tuple(finding for finding in found if finding.level != "info" and finding.code not in _ESTIMATED)
+    findings = contradictions(recording, estimates_of(recording), limits)
+    return tuple(finding for finding in findings if finding.level != "info" and finding.code not in _ESTIMATED)
 
 
 def recording_doubts(recording: Recording, findings: Sequence[Finding]) -> tuple[Doubt, ...]:

@@ -149,22 +149,22 @@ def self_test(run: SolvedRun) -> SelfTest:
     blocks = [np.arange(len(t)) if s == 0.0 else ((t - t[0]) // s).astype(np.int64) for s in _BLOCKS_S]
     worst: dict[Quantity, Doubt] = {}
     checked: dict[Quantity, tuple[str, ...]] = {}
-    for function, found in _found(run, rows, blocks):
-        causes = [cause for one in found if (cause := _cause(one, levels.get(one.group)))]
+    for function, group_misfits in _found(run, rows, blocks):
+        causes = [cause for one in group_misfits if (cause := _cause(one, levels.get(one.group)))]
         factor = math.sqrt(1.0 + sum(cause.share * (cause.ratio - 1.0) for cause in causes))
-        tested = tuple(_NAMES[one.group] for one in found if one.share > _LEAST_SHARE)
+        tested = tuple(_NAMES[one.group] for one in group_misfits if one.share > _LEAST_SHARE)
         for quantity in function.quantities:
             if factor > (worst[quantity].factor if quantity in worst else _LEAST_WIDENING):
                 worst[quantity] = _doubt(quantity, factor, max(causes, key=lambda one: one.share * one.ratio))
             checked[quantity] = tuple(dict.fromkeys((*checked.get(quantity, ()), *tested)))
     for group, quantities in _PREDICTED.values():
-        seen = levels.get(group)
-        if seen is None:
+        score = levels.get(group)
+        if score is None:
             continue
         for quantity in quantities:
-            checked[quantity] = (*checked[quantity], f"{seen.number} predictions of {_NAMES[group]}")
-            if seen.far and seen.ratio > (worst[quantity].factor if quantity in worst else _LEAST_WIDENING):
-                worst[quantity] = Doubt((quantity,), _or_lost(seen.ratio), _missed(group, seen), _HINTS[group])
+            checked[quantity] = (*checked[quantity], f"{score.number} predictions of {_NAMES[group]}")
+            if score.far and score.ratio > (worst[quantity].factor if quantity in worst else _LEAST_WIDENING):
+                worst[quantity] = Doubt((quantity,), _or_lost(score.ratio), _missed(group, score), _HINTS[group])
     return SelfTest(tuple(worst.values()), checked)
 
 
@@ -182,8 +182,8 @@ def _levels(run: SolvedRun) -> Iterator[tuple[str, Level]]:
     for kind, (group, _) in _PREDICTED.items():
         family = run.problem.family(kind)
         if family is not None:
-            left = left_out(family, run.solution.states, run.covariance)
-            yield group, level(left.in_sigmas(family.sigma))
+            prediction = left_out(family, run.solution.states, run.covariance)
+            yield group, level(prediction.in_sigmas(family.sigma))
 
 
 def _columns(run: SolvedRun, functions: Sequence[_Function]) -> Columns:
@@ -221,8 +221,8 @@ def _doubt(quantity: Quantity, factor: float, cause: _Cause) -> Doubt:
     return Doubt((quantity,), _or_lost(factor), reason, _HINTS[cause.group])
 
 
-def _missed(group: str, seen: Level) -> str:
-    return f"{_NAMES[group]} differ from what all else predicts by {seen.ratio:.2g} times the sigmas"
+def _missed(group: str, score: Level) -> str:
+    return f"{_NAMES[group]} differ from what all else predicts by {score.ratio:.2g} times the sigmas"
 
 
 def _or_lost(factor: float) -> float:
