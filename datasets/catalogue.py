@@ -57,10 +57,10 @@ def scenarios() -> dict[str, Scenario]:
 
 def scenario(name: str) -> Scenario:
     """The scenario of that name. Raises :class:`~trackfg.errors.BadInputError` that lists the names there are."""
-    known = scenarios()
-    if name not in known:
-        raise BadInputError(f"scenario {name!r}: {expected_one_of(known, name)}")
-    return known[name]
+    catalogue = scenarios()
+    if name not in catalogue:
+        raise BadInputError(f"scenario {name!r}: {expected_one_of(catalogue, name)}")
+    return catalogue[name]
 
 
 MAIN_LINE = LineDesign(

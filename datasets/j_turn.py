@@ -83,8 +83,8 @@ def j_turn(seed: int, *, noise: bool = True) -> JTurn:
         acceleration[k] = centre + _FRONT_M * yaw_acceleration, centre - _REAR_M * yaw_acceleration
         if k + 1 < steps:
             state[k + 1] = state[k] + STEP_S * np.array([slip_rate, yaw_acceleration])
-    seen = acceleration + noise * _ACCELERATION_SD_MPS2 * sensor_rng.standard_normal((steps, 2))
-    measured = {"t_s": t, "steer_rad": steer, "front_mps2": seen[:, 0], "rear_mps2": seen[:, 1]}
+    reading = acceleration + noise * _ACCELERATION_SD_MPS2 * sensor_rng.standard_normal((steps, 2))
+    measured = {"t_s": t, "steer_rad": steer, "front_mps2": reading[:, 0], "rear_mps2": reading[:, 1]}
     truth = {"t_s": t, "slip_angle_rad": state[:, 0], "yaw_rate_radps": state[:, 1], "friction": friction}
     truth |= {"front_mps2": acceleration[:, 0], "rear_mps2": acceleration[:, 1]}
     return JTurn(pd.DataFrame(measured), pd.DataFrame(truth))

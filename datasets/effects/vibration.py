@@ -198,10 +198,10 @@ class Saturation(Effect):
         swing = np.exp(-t / _RINGING_S) * np.sin(w * t)
         ringing = np.diff(swing, append=0.0) / (w * step)
         shock = np.convolve(impulses, ringing)[: n * _PARTS]
-        sensed = np.repeat(samples.accel, _PARTS, axis=0) + shock[:, None] * _SHOCK_AXES
+        force = np.repeat(samples.accel, _PARTS, axis=0) + shock[:, None] * _SHOCK_AXES
         if not self.for_oracle:
-            sensed = np.clip(sensed, -RANGE_MPS2, RANGE_MPS2)
-        accel = sensed.reshape(n, _PARTS, 3).mean(axis=1)
+            force = np.clip(force, -RANGE_MPS2, RANGE_MPS2)
+        accel = force.reshape(n, _PARTS, 3).mean(axis=1)
         return samples.added(accel=accel - samples.accel).into(recording)
 
 

@@ -188,8 +188,8 @@ def _shown_speed(recording: Recording, rate_hz: float) -> tuple[Array, Array]:
     table, _ = _tach(recording)
     clock, distance = table["t_s"].to_numpy(), table["distance_m"].to_numpy()
     t = np.arange(clock[0], clock[-1], 1.0 / rate_hz)
-    passed = np.interp(t, clock, distance) - np.interp(t - _METER_S, clock, distance)
-    return t, passed / _METER_S
+    way = np.interp(t, clock, distance) - np.interp(t - _METER_S, clock, distance)
+    return t, way / _METER_S
 
 
 def _as_speed(recording: Recording, t: Array, speed_mps: Array) -> Recording:

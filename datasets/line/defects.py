@@ -53,17 +53,17 @@ class Defect:
         """Return what it adds to level, alignment, cross-level and gauge at ``s``, m. Shape (n,) to (n, 4)."""
         x = (s - self.at_m) / self.length_m
         level, alignment, cross_level, gauge = np.zeros((4, *np.shape(s)))
-        left = {"left": 1.0, "right": -1.0, "both": 0.0}[self.rail]
-        share = 0.5 if left else 1.0
+        sign = {"left": 1.0, "right": -1.0, "both": 0.0}[self.rail]
+        share = 0.5 if sign else 1.0
         if self.kind == "twist":
             cross_level = self.size_m * (_step(x + 0.5) - 0.5 * _step(x + 1.5) - 0.5 * _step(x - 0.5))
-            level = 0.5 * left * cross_level
+            level = 0.5 * sign * cross_level
         elif self.kind == "dip":
             level = -share * self.size_m * _bump(x)
-            cross_level = -left * self.size_m * _bump(x)
+            cross_level = -sign * self.size_m * _bump(x)
         else:
             alignment = share * self.size_m * _bump(x)
-            gauge = left * self.size_m * _bump(x)
+            gauge = sign * self.size_m * _bump(x)
         return np.stack([level, alignment, cross_level, gauge], axis=-1)
 
 

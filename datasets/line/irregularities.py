@@ -173,7 +173,7 @@ def _scales(model: IrregularityModel) -> Array:
     density = _shape(model, w) * (d1_gain(w) ** 2 * w)[:, None]
     natural = np.sqrt(np.trapezoid(density, np.log(w), axis=0))
     asked = (model.level_d1_sd_m, model.alignment_d1_sd_m, model.cross_level_d1_sd_m, model.gauge_d1_sd_m)
-    return np.array([1.0 if sd is None else (sd / own) ** 2 for sd, own in zip(asked, natural, strict=True)])
+    return np.array([1.0 if sd is None else (sd / unscaled) ** 2 for sd, unscaled in zip(asked, natural, strict=True)])
 
 
 def _kernels(model: IrregularityModel) -> Array:

@@ -98,9 +98,9 @@ def read_plans(path: Path | str, *, name: str | None = None, step_m: float) -> t
     """
     root = open_landxml(path)
     units = read_units(root)
-    found = [_chosen(root, name)] if name is not None else [a for a in _alignments(root) if a.child("CoordGeom")]
+    nodes = [_chosen(root, name)] if name is not None else [a for a in _alignments(root) if a.child("CoordGeom")]
     tracks: dict[str, Array] = {}
-    for number, node in enumerate(found or [_chosen(root, None)], start=1):
+    for number, node in enumerate(nodes or [_chosen(root, None)], start=1):
         its_name = node.text("name") or str(number)
         if its_name in tracks:
             raise node.error(f"another one is named {its_name!r}: expected different names")
@@ -121,11 +121,11 @@ def _alignments(root: Node) -> list[Node]:
 
 
 def _chosen(root: Node, name: str | None) -> Node:
-    found = _alignments(root)
-    names = [node.text("name") or "" for node in found]
-    chosen = [node for node, its in zip(found, names, strict=True) if name is None or its == name.strip()]
+    nodes = _alignments(root)
+    names = [node.text("name") or "" for node in nodes]
+    chosen = [node for node, its in zip(nodes, names, strict=True) if name is None or its == name.strip()]
     if len(chosen) != 1:
-        what = "has no Alignment" if not found else f"has {len(found)} alignments: " + ", ".join(map(repr, names))
+        what = "has no Alignment" if not nodes else f"has {len(nodes)} alignments: " + ", ".join(map(repr, names))
         wish = "exactly one, or a choice by name" if name is None else f"exactly one named {name!r}"
         raise BadInputError(f"{root.file}: {what}: expected {wish}")
     return chosen[0].named(f"Alignment {chosen[0].text('name')!r}")

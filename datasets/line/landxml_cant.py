@@ -72,9 +72,13 @@ def read_cant(alignment: Node, units: Units, plan: tuple[Element, ...], station_
     first, last = stations[0], stations[-1]
     if first.plan_m > 0.0:
         elements.append(Element("constant", first.plan_m, first.cant_m, first.cant_m))
-    for before, after in itertools.pairwise(stations):
-        law = "constant" if before.cant_m == after.cant_m else _ramp(before.node, edges, plan, before, after)
-        elements.append(Element(law, after.plan_m - before.plan_m, before.cant_m, after.cant_m))
+    for station, next_station in itertools.pairwise(stations):
+        law = (
+            "constant"
+            if station.cant_m == next_station.cant_m
+            else _ramp(station.node, edges, plan, station, next_station)
+        )
+        elements.append(Element(law, next_station.plan_m - station.plan_m, station.cant_m, next_station.cant_m))
     if last.plan_m < length:
         elements.append(Element("constant", length - last.plan_m, last.cant_m, last.cant_m))
 
@@ -131,10 +135,10 @@ def _signed_cant(node: Node, units: Units) -> float:
     return applied if outer_is_left != adverse else -applied
 
 
-def _ramp(node: Node, edges: Array, plan: tuple[Element, ...], before: _Station, after: _Station) -> Law:
+def _ramp(node: Node, edges: Array, plan: tuple[Element, ...], start: _Station, end: _Station) -> Law:
     if node.text("transitionType") is not None:
         kind = node.choice("transitionType", ("linear", *SPIRALS))
         return "linear" if kind == "linear" else ramp_law(SPIRALS[kind])
-    i = int(np.argmin(np.abs(edges[:-1] - before.plan_m)))
-    off = abs(edges[i] - before.plan_m), abs(edges[i + 1] - after.plan_m)
+    i = int(np.argmin(np.abs(edges[:-1] - start.plan_m)))
+    off = abs(edges[i] - start.plan_m), abs(edges[i + 1] - end.plan_m)
     return ramp_law(plan[i].law) if max(off) < SAME_PLACE_M and plan[i].law != "constant" else "linear"

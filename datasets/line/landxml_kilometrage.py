@@ -48,7 +48,7 @@ def read_kilometrage(
     if len(within) < len(nodes):
         beyond = len(nodes) - len(within)
         remarks.append(f"{beyond} station equation(s) (StaEquation) beyond the end of the plan: not used")
-    twice = [i for i, before in zip(within[1:], within, strict=False) if internal[i] == internal[before]]
+    twice = [i for i, previous in zip(within[1:], within, strict=False) if internal[i] == internal[previous]]
     if twice:
         raise nodes[twice[0]].error("another one has the same staInternal: expected one equation at a place")
     chainage = station_start_m + _in_space(plan, internal - station_start_m)

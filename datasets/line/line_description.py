@@ -169,12 +169,12 @@ def line_from(description: LineDescription) -> GivenLine:
         start_yaw_rad=float(np.radians(90.0 - description.heading_deg)),
     )
     remarks = tuple(
-        f"the curvature jumps by {after.start - before.end:+.3g} 1/m between elements {number} and {number + 1} "
+        f"the curvature jumps by {following.start - previous.end:+.3g} 1/m between elements {number} and {number + 1} "
         f"(chainage {origin + edge:.3f} m)"
-        for number, (edge, (before, after)) in enumerate(
+        for number, (edge, (previous, following)) in enumerate(
             zip(edges[1:-1], itertools.pairwise(curvature), strict=True), start=1
         )
-        if before.end != after.start
+        if previous.end != following.start
     )
     kilometrage = _kilometrage(description, origin + length)
     return GivenLine(description.id, line, description.gauge_m, origin, remarks, kilometrage)
@@ -203,20 +203,20 @@ def _plan(description: LineDescription) -> tuple[list[Element], list[Element]]:
                 raise ValueError(
                     f"element {number}: a transition at an end of the line: expected a straight or a curve"
                 )
-            before, after = _own(parts[number - 2]), _own(parts[number])
+            start, end = _own(parts[number - 2]), _own(parts[number])
             law: Law = "linear" if part.law == "clothoid" else part.law
-            changes = law if before[0] != after[0] else "constant"
-            ramps = ramp_law(law) if before[1] != after[1] else "constant"
+            changes = law if start[0] != end[0] else "constant"
+            ramps = ramp_law(law) if start[1] != end[1] else "constant"
         else:
-            before = after = _own(part)
+            start = end = _own(part)
             changes = ramps = "constant"
-            if abs(before[1]) * 1e3 >= highest:
-                raise ValueError(f"element {number}: cant_mm is {1e3 * abs(before[1]):g}: expected below {highest:g}")
+            if abs(start[1]) * 1e3 >= highest:
+                raise ValueError(f"element {number}: cant_mm is {1e3 * abs(start[1]):g}: expected below {highest:g}")
         try:
-            curvature.append(Element(changes, part.length_m, before[0], after[0]))
+            curvature.append(Element(changes, part.length_m, start[0], end[0]))
         except ValueError as error:
             raise ValueError(f"element {number}: {error}") from error
-        cant.append(Element(ramps, part.length_m, before[1], after[1]))
+        cant.append(Element(ramps, part.length_m, start[1], end[1]))
     for number, (left, right) in enumerate(itertools.pairwise(cant), start=1):
         if left.end != right.start:
             jump = 1e3 * abs(right.start - left.end)
@@ -244,12 +244,12 @@ def _grade(description: LineDescription, length: float) -> list[Element]:
     elements: list[Element] = []
     place = 0.0
     for number, (point, middle) in enumerate(zip(points[1:], places[1:], strict=True), start=2):
-        before, after = float(gamma[number - 2]), float(gamma[number - 1])
-        if before == after:
+        angle, next_angle = float(gamma[number - 2]), float(gamma[number - 1])
+        if angle == next_angle:
             continue
         if point.vertical_radius_m is None:
             raise ValueError(f"gradient {number}: vertical_radius_m is missing: expected it where the gradient changes")
-        half = 0.5 * point.vertical_radius_m * abs(after - before)
+        half = 0.5 * point.vertical_radius_m * abs(next_angle - angle)
         if middle - half < place:
             what = "the vertical curve before it ends" if elements else "the line begins"
             problem = f"gradient {number}: its vertical curve begins {place - middle + half:.3f} m before {what}"
@@ -259,8 +259,8 @@ def _grade(description: LineDescription, length: float) -> list[Element]:
                 f"gradient {number}: its vertical curve ends {middle + half - length:.3f} m after the line"
             )
         if middle - half > place:
-            elements.append(Element("constant", middle - half - place, before, before))
-        elements.append(Element("linear", 2.0 * half, before, after))
+            elements.append(Element("constant", middle - half - place, angle, angle))
+        elements.append(Element("linear", 2.0 * half, angle, next_angle))
         place = middle + half
     if place < length:
         elements.append(Element("constant", length - place, float(gamma[-1]), float(gamma[-1])))

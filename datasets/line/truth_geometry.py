@@ -114,8 +114,8 @@ def truth_geometry(
     }
     first, last = _whole_rows(chainage_origin_m, direction, s_from, s_to)
     run = slice(*(np.array([first, last + 1]) - round(paths.chainage[0] / STEP_M)))
-    known = {name: _within(values[run], back, ahead) for name, (back, ahead, values) in columns.items()}
-    return pd.DataFrame({"chainage_m": paths.chainage[run]} | known)
+    quantities = {name: _within(values[run], back, ahead) for name, (back, ahead, values) in columns.items()}
+    return pd.DataFrame({"chainage_m": paths.chainage[run]} | quantities)
 
 
 def _within(values: Array, back: int, ahead: int) -> Array:
@@ -163,15 +163,15 @@ def _d1(paths: Array) -> Array:
     phase = 2 * np.pi * fft.rfftfreq(size)
     # The constant part passes with gain 0 and may be divided by anything.
     gain = -d1_gain(phase / STEP_M) / np.where(phase == 0.0, 1.0, 2.0 - 2.0 * np.cos(phase))
-    passed = fft.irfft(gain[:, None] * fft.rfft(padded, axis=0), size, axis=0)
-    return np.asarray(passed[beyond - 1 : beyond - 1 + len(paths)])
+    band = fft.irfft(gain[:, None] * fft.rfft(padded, axis=0), size, axis=0)
+    return np.asarray(band[beyond - 1 : beyond - 1 + len(paths)])
 
 
 def _rise(y: Array, start: int, end: int) -> Array:
     """Return ``y(x + end) - y(x + start)``, in rows; NaN beyond the ends. Shape (n,) to (n,)."""
     out = np.full(len(y), np.nan)
-    here = slice(-start, len(y) - end)
-    out[here] = y[end - start :] - y[: start - end]
+    rows = slice(-start, len(y) - end)
+    out[rows] = y[end - start :] - y[: start - end]
     return out
 
 

@@ -105,9 +105,9 @@ def profile(vertices: Sequence[Vertex], plan_length_m: float) -> tuple[ProfilePi
         raise ValueError(f"{len(vertices)} vertices: expected at least 2")
     plan = np.array([vertex.plan_m for vertex in vertices])
     height = np.array([vertex.height_m for vertex in vertices])
-    for before, after in itertools.pairwise(vertices):
-        if after.plan_m <= before.plan_m:
-            raise ValueError(f"{after.name} is not beyond {before.name}: expected increasing stations")
+    for previous, following in itertools.pairwise(vertices):
+        if following.plan_m <= previous.plan_m:
+            raise ValueError(f"{following.name} is not beyond {previous.name}: expected increasing stations")
     for vertex in (vertices[0], vertices[-1]):
         if vertex.radius_m is not None or vertex.length_m is not None:
             raise ValueError(

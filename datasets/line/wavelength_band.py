@@ -24,5 +24,5 @@ def d1_gain(wavenumber: Array) -> Array:
     low, high = 2 * np.pi / LONGEST_M, 2 * np.pi / SHORTEST_M
     w = np.abs(np.asarray(wavenumber, dtype=np.float64))
     # Written with (w (W2 - W1))^8 in the numerator: no division by zero.
-    passed = (w * (high - low)) ** 8
-    return np.asarray(passed / (passed + (w * w - low * high) ** 8))
+    numerator = (w * (high - low)) ** 8
+    return np.asarray(numerator / (numerator + (w * w - low * high) ** 8))

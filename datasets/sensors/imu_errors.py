@@ -75,8 +75,8 @@ class ImuModel:
             "misalignment_sd_rad": max(response.gyro_misalignment_sd_rad, response.accel_misalignment_sd_rad),
             "g_sensitivity_sd": response.g_sensitivity_sd,
         }
-        known = {name: max(float(sd), _NEARLY_NONE) for name, sd in calibration.items()}
-        return self.noise.model_copy(update=known)
+        sds = {name: max(float(sd), _NEARLY_NONE) for name, sd in calibration.items()}
+        return self.noise.model_copy(update=sds)
 
 
 @dataclass(frozen=True)

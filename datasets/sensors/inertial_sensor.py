@@ -65,8 +65,8 @@ def _ideal_chunk(
     if lever_arm.any():
         accel += np.cross(np.diff(ride.body_rate(edges), axis=0), lever_arm) / dt
     R = ride.rotation(edges)
-    after = rotations.so3_exp(turning * dt) @ R[1:]
-    gyro = rotations.so3_log(np.swapaxes(R[:-1], 1, 2) @ after) / dt
+    end_R = rotations.so3_exp(turning * dt) @ R[1:]
+    gyro = rotations.so3_log(np.swapaxes(R[:-1], 1, 2) @ end_R) / dt
     return gyro, accel
 
 

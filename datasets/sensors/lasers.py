@@ -154,10 +154,10 @@ class _Rails:
         last = np.ceil((s.max() + max(ahead, default=0.0)) / STEP_M) + _MARGIN
         places = STEP_M * np.arange(first, last + 1.0)
         chunks = [places[i : i + _CHUNK] for i in range(0, len(places), _CHUNK)]
-        seen = dict.fromkeys((model.rail, model.line) for model in models)
+        pairs = dict.fromkeys((model.rail, model.line) for model in models)
         points: dict[tuple[str, str], Array] = {
             (rail, line): np.concatenate([track.rail(chunk, rail, line).T for chunk in chunks], axis=1)
-            for rail, line in seen
+            for rail, line in pairs
         }
         return cls(float(places[0]), points)
 

@@ -228,15 +228,15 @@ def _rolled(ride: Ride, model: TachModel, slip: Slip | None) -> Callable[[Array]
 
 def _gained(of_place: Callable[[Array], Array], ride: Ride, model: TachModel, t: Array) -> Array:
     """The integral of the derivative of ``of_place`` over the distance that the tachometer sees. Shape (n,)."""
-    here = of_place(ride.motion.distance(t))
+    at_t = of_place(ride.motion.distance(t))
     breaks = ride.motion.breaks_s
     at_breaks = of_place(ride.motion.distance(breaks))
     if model.signed:
-        return np.asarray(here - at_breaks[0])
+        return np.asarray(at_t - at_breaks[0])
     sign = np.where(np.diff(ride.motion.distance(breaks)) < 0, -1.0, 1.0)
-    before = np.concatenate([[0.0], np.cumsum(sign * np.diff(at_breaks))])
+    sums = np.concatenate([[0.0], np.cumsum(sign * np.diff(at_breaks))])
     phase = np.clip(np.searchsorted(breaks, t, side="right") - 1, 0, len(sign) - 1)
-    return np.asarray(before[phase] + sign[phase] * (here - at_breaks[phase]))
+    return np.asarray(sums[phase] + sign[phase] * (at_t - at_breaks[phase]))
 
 
 def _bent(curvature: PPoly) -> PPoly:
@@ -269,20 +269,20 @@ def _stamps(pulses: Callable[[Array], Array], edges: Array, model: TachModel) ->
     at_edges = pulses(edges)
     count = _counted(at_edges, model)
     steps = np.diff(count)
-    passed = np.abs(steps).astype(np.int64)
-    cell = np.repeat(np.arange(len(steps)), passed)
-    nth = np.arange(len(cell)) - np.repeat(np.cumsum(passed) - passed, passed)
+    pulse_count = np.abs(steps).astype(np.int64)
+    cell = np.repeat(np.arange(len(steps)), pulse_count)
+    nth = np.arange(len(cell)) - np.repeat(np.cumsum(pulse_count) - pulse_count, pulse_count)
     way = np.sign(steps)[cell]
     # Upwards the first number passed is one above the count, downwards it is the count itself.
     number = count[cell] + np.where(way > 0, 1.0 + nth, -nth)
     kept = number % model.stamped == 0
     cell, way, number = cell[kept], way[kept], number[kept]
     times = _crossings(pulses, number, edges[cell], edges[cell + 1], at_edges[cell], at_edges[cell + 1])
-    after = np.where(way > 0, number, number - 1.0)
+    next_count = np.where(way > 0, number, number - 1.0)
     inside = (times > edges[0]) & (times < edges[-1])
     return (
         np.concatenate([edges[:1], times[inside], edges[-1:]]),
-        np.concatenate([count[:1], after[inside], count[-1:]]),
+        np.concatenate([count[:1], next_count[inside], count[-1:]]),
     )
 
 
@@ -291,20 +291,20 @@ def _crossings(
 ) -> Array:
     """Where ``f`` passes ``level`` between ``low`` and ``high``, all (n,): regula falsi, Illinois variant."""
     low, high, below, above = low.copy(), high.copy(), f_low - level, f_high - level
-    found = np.empty_like(low)
-    left = np.arange(len(low))
+    times = np.empty_like(low)
+    active = np.arange(len(low))
     for _ in range(100):
-        if not left.size:
+        if not active.size:
             break
-        a, b = below[left], above[left]
-        t = np.clip(low[left] - a * (high[left] - low[left]) / (b - a), low[left], high[left])
-        off = f(t) - level[left]
-        found[left] = t
+        a, b = below[active], above[active]
+        t = np.clip(low[active] - a * (high[active] - low[active]) / (b - a), low[active], high[active])
+        off = f(t) - level[active]
+        times[active] = t
         same_as_low = np.sign(off) == np.sign(a)
         # The end that stays counts half, lest it stay for ever.
-        above[left] = np.where(same_as_low, 0.5 * b, off)
-        below[left] = np.where(same_as_low, off, 0.5 * a)
-        low[left] = np.where(same_as_low, t, low[left])
-        high[left] = np.where(same_as_low, high[left], t)
-        left = left[(np.abs(off) > _PULSE_TOLERANCE) & (high[left] - low[left] > 1e-13)]
-    return found
+        above[active] = np.where(same_as_low, 0.5 * b, off)
+        below[active] = np.where(same_as_low, off, 0.5 * a)
+        low[active] = np.where(same_as_low, t, low[active])
+        high[active] = np.where(same_as_low, high[active], t)
+        active = active[(np.abs(off) > _PULSE_TOLERANCE) & (high[active] - low[active] > 1e-13)]
+    return times

@@ -51,8 +51,8 @@ class SpeedModel:
                 heard &= (t < start) | (t >= end)
         body = np.einsum("nji,nj->ni", ride.rotation(t), ride.velocity(t))
         body = body + np.cross(ride.body_rate(t), np.array(self.place_m))
-        seen = body @ np.array([np.cos(yaw), np.sin(yaw), 0.0])
-        measured = np.abs(seen / scale + noise)
+        axis_speed = body @ np.array([np.cos(yaw), np.sin(yaw), 0.0])
+        measured = np.abs(axis_speed / scale + noise)
         heard &= measured >= self.lowest_mps
         table = tables.table(SPEED_COLUMNS, t[heard], measured[heard])
         time, speed = SPEED_COLUMNS

@@ -200,10 +200,10 @@ def _breakaways(
     over = (used > 1.0) & (np.abs(ride.motion.speed(t)) > _SLOWEST_MPS)
     way = np.where(over, np.sign(demand), 0.0)
     events: list[WheelSlip] = []
-    for first, after in pairwise(np.flatnonzero(np.diff(way, prepend=0.0, append=0.0)).tolist()):
+    for first, stop in pairwise(np.flatnonzero(np.diff(way, prepend=0.0, append=0.0)).tolist()):
         if way[first] == 0.0:
             continue
-        start, end = float(t[first]), float(t[min(after, len(t) - 1)])
+        start, end = float(t[first]), float(t[min(stop, len(t) - 1)])
         while end - start >= _SHORTEST_S:
             i = int(np.searchsorted(t, start))
             event = _breakaway(model, start, end, float(demand[i]), float(abs(ride.motion.speed(start))), rng)

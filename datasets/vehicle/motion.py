@@ -86,13 +86,13 @@ class DrivenMotion:
         count = np.maximum(np.searchsorted(places, high, side="right") - first, 0)
         piece = np.repeat(np.arange(len(count)), count)
         index = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count) + first[piece]
-        before, after = self.breaks_s[piece], self.breaks_s[piece + 1]
+        lower, upper = self.breaks_s[piece], self.breaks_s[piece + 1]
         rising = ends[piece + 1] > ends[piece]
         for _ in range(60):
-            middle = 0.5 * (before + after)
+            middle = 0.5 * (lower + upper)
             later = (self.distance(middle) < places[index]) == rising
-            before, after = np.where(later, middle, before), np.where(later, after, middle)
-        times = 0.5 * (before + after)
+            lower, upper = np.where(later, middle, lower), np.where(later, upper, middle)
+        times = 0.5 * (lower + upper)
         by_time = np.argsort(times)
         return times[by_time], order[index[by_time]]
 

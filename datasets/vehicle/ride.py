@@ -125,9 +125,9 @@ class Ride(Outlined):
         """Return every time at which a derivative of the pose jumps: motion, line, knots of the body's splines.
         Sorted.
         """
-        passed, _ = self.motion.times_at(self.line.knots)
-        own = [] if self.body is None else [self.body.knots_s]
-        return np.unique(np.concatenate([self.motion.breaks_s, passed, *own]))
+        passages, _ = self.motion.times_at(self.line.knots)
+        body_knots = [] if self.body is None else [self.body.knots_s]
+        return np.unique(np.concatenate([self.motion.breaks_s, passages, *body_knots]))
 
     def velocity_jumps(self) -> tuple[Array, Array]:
         """Return times (j,) at which the velocity jumps, and by how much along h, m/s (j,).
@@ -136,10 +136,10 @@ class Ride(Outlined):
         """
         curvature = self.line.curvature
         inner, steps = curvature.x[1:-1], np.diff(curvature.x)[:-1]
-        before = np.zeros(len(inner))
+        left_limit = np.zeros(len(inner))
         for coefficients in curvature.c[:, :-1]:
-            before = before * steps + coefficients
-        jump = curvature(inner) - before
+            left_limit = left_limit * steps + coefficients
+        jump = curvature(inner) - left_limit
         sudden = np.abs(jump) > _SMOOTH_1PM
         times, which = self.motion.times_at(inner[sudden])
         left = np.zeros(len(times)) if self.body is None else self.body.at(times)[:, 0]

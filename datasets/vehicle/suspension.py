@@ -61,11 +61,11 @@ class LinearSystem:
         for i in np.flatnonzero(rates.imag >= 0.0):
             constant = np.expm1(rates[i] * dt_s) / rates[i]
             ramp = (constant - dt_s) / (rates[i] * dt_s)
-            after = ramp * by_value[i] + constant / dt_s * by_rate[i]
-            before = (constant - ramp) * by_value[i] - constant / dt_s * by_rate[i]
+            by_end = ramp * by_value[i] + constant / dt_s * by_rate[i]
+            by_start = (constant - ramp) * by_value[i] - constant / dt_s * by_rate[i]
             decay = np.exp(rates[i] * dt_s)
             eta, _ = scipy.signal.lfilter(
-                [1.0], [1.0, -decay], _times(drive[1:], after) + _times(drive[:-1], before), zi=[decay * eta_0[i]]
+                [1.0], [1.0, -decay], _times(drive[1:], by_end) + _times(drive[:-1], by_start), zi=[decay * eta_0[i]]
             )
             pair = 2.0 if rates[i].imag > 0.0 else 1.0
             for column, row in enumerate(rows):
@@ -75,9 +75,9 @@ class LinearSystem:
     def gain(self, frequency_hz: Array, u: Array) -> Array:
         """Return complex amplitudes of ``q`` per unit of inputs that swing as ``u`` (m,). Shape (f,) to (f, n)."""
         w = 2.0 * np.pi * np.asarray(frequency_hz)[:, None, None]
-        left = self.stiffness + 1j * w * self.damping - w * w * np.diag(self.mass)
+        dynamic_stiffness = self.stiffness + 1j * w * self.damping - w * w * np.diag(self.mass)
         right = (self.input_stiffness + 1j * w * self.input_damping) @ u
-        return np.asarray(np.linalg.solve(left, right[..., None])[..., 0])
+        return np.asarray(np.linalg.solve(dynamic_stiffness, right[..., None])[..., 0])
 
 
 @dataclass(frozen=True)
@@ -122,10 +122,10 @@ class Suspension:
         """Return rolls of the body, the front and the rear frame, (3,)."""
         inertia = np.array([self.body_mass_kg, self.bogie_mass_kg, self.bogie_mass_kg])
         inertia *= np.array([self.body_gyration_m[0], self.bogie_gyration_m[0], self.bogie_gyration_m[0]]) ** 2
-        own = np.array([[1, -1, 0], [1, 0, -1], [0, 1, 0], [0, 1, 0], [0, 0, 1], [0, 0, 1]], dtype=float)
+        extension = np.array([[1, -1, 0], [1, 0, -1], [0, 1, 0], [0, 1, 0], [0, 0, 1], [0, 0, 1]], dtype=float)
         lever = (0.5 * self.spring_base_m) ** 2
         primary, secondary = ((lever * k, lever * c) for k, c in (self.primary_vertical, self.secondary_vertical))
-        return _on_springs(inertia, own, primary, secondary)
+        return _on_springs(inertia, extension, primary, secondary)
 
     @property
     def lean_moment(self) -> float:
@@ -139,7 +139,7 @@ class Suspension:
         turning = bogie * self.bogie_gyration_m[axis] ** 2
         mass = np.array([body, body * self.body_gyration_m[axis] ** 2, bogie, turning, bogie, turning])
         pivot, axle = self.half_pivot_m, self.half_wheelbase_m
-        own = np.array(
+        extension = np.array(
             [
                 [1, pivot, -1, 0, 0, 0],
                 [1, -pivot, 0, 0, -1, 0],
@@ -149,16 +149,25 @@ class Suspension:
                 [0, 0, 0, 0, 1, -axle],
             ]
         )
-        return _on_springs(mass, own, primary, secondary)
+        return _on_springs(mass, extension, primary, secondary)
 
 
-def _on_springs(mass: Array, own: Array, primary: tuple[float, float], secondary: tuple[float, float]) -> LinearSystem:
-    """Return the system of the extensions ``own @ q`` less ``u`` of two secondary and four primary springs. ``own`` is
-    (6, n).
+def _on_springs(
+    mass: Array, extension: Array, primary: tuple[float, float], secondary: tuple[float, float]
+) -> LinearSystem:
+    """Return the system of the extensions ``extension @ q`` less ``u`` of two secondary and four primary springs.
+
+    ``extension`` is (6, n).
     """
     track = np.concatenate([np.zeros((2, 4)), np.eye(4)])
     k, c = (np.array([[second]] * 2 + [[first]] * 4) for first, second in zip(primary, secondary, strict=True))
-    return LinearSystem(mass, own.T @ (c * own), own.T @ (k * own), own.T @ (c * track), own.T @ (k * track))
+    return LinearSystem(
+        mass,
+        extension.T @ (c * extension),
+        extension.T @ (k * extension),
+        extension.T @ (c * track),
+        extension.T @ (k * track),
+    )
 
 
 def _times(real: Array, complex_weights: Array) -> Array:
