@@ -64,9 +64,9 @@ def _path(
     d_c_by_e = -mean_by_time @ skew(f)
     d_c_by_w = mean @ skew(f)
     W = imu[:, OF_GYRO_RATE].reshape(-1, 3, 3)
-    axis_error = np.einsum("mij,mj->mi", W, ahead)
+    cross_axis_rate = np.einsum("mij,mj->mi", W, ahead)
     c = np.einsum("mij,mj->mi", mean, f) + np.einsum("mij,mj->mi", d_c_by_e, e)
-    c += np.einsum("mij,mj->mi", d_c_by_w, axis_error)
+    c += np.einsum("mij,mj->mi", d_c_by_w, cross_axis_rate)
     slope = c[:, 1:] / c[:, :1]
     residual = u[:, 1:] - slope * u[:, :1]
 
@@ -84,7 +84,7 @@ def _path(
     d_first[:, :, 3:6] = across(np.broadcast_to(-np.eye(3), (m, 3, 3)))
     d_second[:, :, :3] = across(relative @ arm) + by_e
     d_second[:, :, 3:6] = across(relative)
-    d_angles = -share * across((mean + mean_by_time @ skew(e) - mean @ skew(axis_error)) @ d_f)
+    d_angles = -share * across((mean + mean_by_time @ skew(e) - mean @ skew(cross_axis_rate)) @ d_f)
     d_mount = np.concatenate([d_angles, across(relative - np.eye(3))], axis=2)
     d_imu = np.zeros((m, 2, Kind.IMU.dim))
     d_imu[:, :, OF_GYRO_RATE] = np.einsum("mri,mj->mrij", -share * across(d_c_by_w), ahead).reshape(m, 2, 9)

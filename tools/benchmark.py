@@ -87,8 +87,8 @@ def ratio(measured: pd.DataFrame, part: str, whole: str) -> float:
 
 def pooled_rms(measured: pd.DataFrame, rms: str, count: str) -> float:
     """The rms over all seeds together, from that of each seed and how many errors it is of."""
-    known = measured[measured[count] > 0]
-    return float(np.sqrt((known[rms] ** 2 * known[count]).sum() / known[count].sum())) if len(known) else np.nan
+    rows = measured[measured[count] > 0]
+    return float(np.sqrt((rows[rms] ** 2 * rows[count]).sum() / rows[count].sum())) if len(rows) else np.nan
 
 
 def yes_or_no(met: bool | None) -> str:

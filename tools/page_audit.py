@@ -72,8 +72,8 @@ def unreached(tab: Page) -> list[str]:
     """Return what can be operated, but not reached by Tab."""
     for _ in range(tab.evaluate(MARK, OPERATED) + 3):
         tab.keyboard.press("Tab")
-    left: list[str] = tab.evaluate(LEFT)
-    return left
+    elements: list[str] = tab.evaluate(LEFT)
+    return elements
 
 
 def faults(browser: Browser, address: str, axe: str, width: int, scheme: str) -> list[str]:
@@ -84,12 +84,12 @@ def faults(browser: Browser, address: str, axe: str, width: int, scheme: str) ->
         drawn(tab, address)
         tab.evaluate(axe)
         rules: list[dict[str, Any]] = tab.evaluate("axe.run(document)")["violations"]
-        found = [
+        violations = [
             f"{rule['id']} ({rule['impact']}), {len(rule['nodes'])} times: {rule['nodes'][0]['html'][:100]}"
             for rule in rules
         ]
-        found += [f"Tab does not reach {one}" for one in unreached(tab)]
-        return found + too_wide(tab, width)
+        violations += [f"Tab does not reach {one}" for one in unreached(tab)]
+        return violations + too_wide(tab, width)
     finally:
         context.close()
 
@@ -112,9 +112,9 @@ def main() -> int:
         bad = 0
         for page, width, scheme in itertools.product(asked.pages, WIDTHS, SCHEMES):
             address = page if page.startswith("http://") else Path(page).resolve().as_uri()
-            found = faults(browser, address, axe, width, scheme)
-            bad += len(found)
-            print("\n  ".join([f"{page} {width} px {scheme}: {len(found)} faults", *found]), flush=True)
+            violations = faults(browser, address, axe, width, scheme)
+            bad += len(violations)
+            print("\n  ".join([f"{page} {width} px {scheme}: {len(violations)} faults", *violations]), flush=True)
         browser.close()
     return 1 if bad else 0
 

@@ -82,9 +82,9 @@ def main() -> int:
     pages = sum(1 for _ in site.rglob("*.html"))
     if not pages:
         parser.error(f"{site}: expected a folder with pages")
-    found = list(faults(site))
-    print(*found, f"{pages} pages, {len(found)} faults", sep="\n")
-    return 1 if found else 0
+    problems = list(faults(site))
+    print(*problems, f"{pages} pages, {len(problems)} faults", sep="\n")
+    return 1 if problems else 0
 
 
 if __name__ == "__main__":

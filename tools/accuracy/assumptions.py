@@ -155,10 +155,10 @@ def curves(seed: int, _: SmoothConfig) -> Figures:
         for law in LAWS:
             line = random_line(MAIN_LINE, 10e3, np.random.default_rng(seed))
             designed = designed_curves(line)
-            found = find_curves(profile(with_half_sines(line) if law == "half-sine" else line, model, seed))
-            pairs = list(matched(designed, found))
+            estimates = find_curves(profile(with_half_sines(line) if law == "half-sine" else line, model, seed))
+            pairs = list(matched(designed, estimates))
             missed += len(designed) - len(pairs)
-            false += len(found) - len(pairs)
+            false += len(estimates) - len(pairs)
             for row, curve in pairs:
                 wrong_law += (curve.law_in != law) + (curve.law_out != law)
                 error = np.array([value(curve, name) - value_of(row, name) for name in ("middle_in_m", "btc_m")])
@@ -197,8 +197,8 @@ def recognised(seed: int, _: SmoothConfig) -> Figures:
         sure = (match["probability"] >= SURE).to_numpy()
         figures[name] = (100.0 * float(np.mean(sure if result is foreign else ~sure))) ** 2
         if result is run:
-            there, here = (match[column].to_numpy()[sure] for column in ("reference_m", "run_m"))
-            error = _true_chainage(base, reference, there) - _true_chainage(later, run, here)
+            at_reference, at_run = (match[column].to_numpy()[sure] for column in ("reference_m", "run_m"))
+            error = _true_chainage(base, reference, at_reference) - _true_chainage(later, run, at_run)
             figures |= _mean_squares("place, m", error, match["match_sd_m"].to_numpy()[sure])
     return figures
 

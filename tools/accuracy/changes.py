@@ -41,7 +41,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seeds", type=int, default=4, help="how many tracks (default 4)")
     arguments = parser.parse_args()
-    found: dict[tuple[float, float, str, str], list[bool]] = {}
+    detections: dict[tuple[float, float, str, str], list[bool]] = {}
     alarms, km, seconds, runs = 0, 0.0, 0.0, 0
     for seed in range(arguments.seeds):
         base = smooth(simulate(SHUTTLE, seed=seed, run=0).recording)
@@ -52,12 +52,12 @@ def main() -> None:
             near = near_defects(shown.table, placed)
             for defect, is_found in zip(placed, near.any(axis=0), strict=True):
                 rails = "both" if defect.rail == "both" else "one"
-                found.setdefault((size, length, defect.kind, rails), []).append(bool(is_found))
+                detections.setdefault((size, length, defect.kind, rails), []).append(bool(is_found))
             alarms += int(np.sum(~near.any(axis=1)))
             km += 1e-3 * float(np.ptp(shown.cells["chainage_m"]))
             seconds, runs = seconds + took, runs + 1
     console = Console(width=120)
-    console.print(table_of(found))
+    console.print(table_of(detections))
     console.print(f"{alarms} false alarms in {km:.0f} km; {seconds / runs:.2f} s per run of {km / runs:.1f} km")
 
 

@@ -62,16 +62,19 @@ def noise_free(duration_s: float) -> pd.DataFrame:
     """Largest errors with perfect sensors: attitude (rad) and distance (mm per km run)."""
     rows = []
     for scenario in NOISE_FREE:
-        found = errors(scenario, 0, duration_s, noise=False)
-        chainage = np.abs(found["chainage_m"][0])
+        by_quantity = errors(scenario, 0, duration_s, noise=False)
+        chainage = np.abs(by_quantity["chainage_m"][0])
         run = simulate(scenario, seed=0, duration_s=duration_s, noise=False).truth["chainage_m"]
         length_km = np.abs(np.diff(run)).sum() / 1e3
         rows.append(
             {
                 "scenario": scenario,
-                **{f"{name}": float(np.abs(found[name][0]).max()) for name in ("roll_rad", "pitch_rad", "yaw_rad")},
+                **{
+                    f"{name}": float(np.abs(by_quantity[name][0]).max())
+                    for name in ("roll_rad", "pitch_rad", "yaw_rad")
+                },
                 "distance_mm_per_km": 1e3 * float(chainage.max()) / length_km if length_km > 0.0 else np.nan,
-                "speed_mps": float(np.abs(found["speed_mps"][0]).max()),
+                "speed_mps": float(np.abs(by_quantity["speed_mps"][0]).max()),
             }
         )
     return pd.DataFrame(rows)

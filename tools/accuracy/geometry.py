@@ -190,15 +190,15 @@ def main() -> None:
     for name, duration in durations.items():
         calls |= {("scored", name, seed): (score, (name, seed, duration)) for seed in range(arguments.seeds)}
         calls |= {("repeated", name, run): (geometry_of, (name, run, duration)) for run in REPEATED.get(name, ())}
-    found = side_by_side(calls, arguments.jobs, "runs")
-    runs = pd.concat([table for (kind, *_), table in found.items() if kind == "scored"])
+    tables = side_by_side(calls, arguments.jobs, "runs")
+    runs = pd.concat([table for (kind, *_), table in tables.items() if kind == "scored"])
     runs["duration_s"] = runs["scenario"].map(durations)
     written = []
     with pd.option_context("display.width", 250):
         for name in durations:
             written += _report_accuracy(name, runs[runs["scenario"] == name])
         for name in [name for name in REPEATED if name in durations]:
-            geometry = {run: found["repeated", name, run] for run in REPEATED[name]}
+            geometry = {run: tables["repeated", name, run] for run in REPEATED[name]}
             table = repeatability_table(name, geometry)
             speed = geometry[REPEATED[name][0]]["speed_mps"].mean() / KMH
             _show(f"{name}, seed 0: sd of the difference from run 0 ({speed:.1f} km/h) per section of 200 m", table)

@@ -115,11 +115,11 @@ def _car_speed(run: RealRun) -> None:
         x = np.linalg.lstsq(A, wheel_speed[moving], rcond=None)[0]
         return x, wheel_speed[moving] - A @ x, A, wheel_speed[moving]
 
-    found = minimize(lambda p: float(np.std(fit(p)[1])), [0.2, -0.2], method="Nelder-Mead").x
-    x, residual, A, wheel_speed = fit(found)
+    clock = minimize(lambda p: float(np.std(fit(p)[1])), [0.2, -0.2], method="Nelder-Mead").x
+    x, residual, A, wheel_speed = fit(clock)
     sd = np.sqrt(np.diag(np.linalg.inv(A.T @ A))) * residual.std()
     speed = A[:, 0]
-    print(f"  car speed: to be moved by {found[0]:+.2f} s at 2000 s, {found[1]:+.2f} s per 1000 s")
+    print(f"  car speed: to be moved by {clock[0]:+.2f} s at 2000 s, {clock[1]:+.2f} s per 1000 s")
     print(f"  car speed = {x[0]:.4f} (sd {sd[0]:.4f}) x reference {x[1]:+.2f} (sd {sd[1]:.2f}) km/h")
     print(f"  forced through zero: reference / car = {speed @ speed / (speed @ wheel_speed):.4f}")
     for low, high in ((10, 20), (20, 30), (30, 40), (40, 50), (50, 55)):
@@ -253,9 +253,9 @@ def _receiver_speeds(run: RealRun) -> None:
     ranges = [(true >= low) & (true < high) for low, high in ((0.5, 2.0), (2.0, 4.0), (4.0, 8.0), (8.0, np.inf))]
     medians = [float(np.median(error[inside])) for inside in ranges if inside.sum() > 20]
     print(f"  medians by ranges of speed: {np.round(medians, 4)} m/s")
-    left = np.clip(error[true > 2.0], -1.0, 1.0)
-    left = left - left.mean()
-    lasting = [float(np.mean(left[:-k] * left[k:]) / np.mean(left**2)) for k in (1, 2, 3, 5, 10)]
+    residual = np.clip(error[true > 2.0], -1.0, 1.0)
+    residual = residual - residual.mean()
+    lasting = [float(np.mean(residual[:-k] * residual[k:]) / np.mean(residual**2)) for k in (1, 2, 3, 5, 10)]
     print(f"  autocorrelation after 1, 2, 3, 5, 10 rows: {np.round(lasting, 2)}")
     off = np.linalg.norm(_gnss_error(run.recording.gnss, reference, 0.0)[:, :2], axis=1)
     print(f"  positions: {np.percentile(off, [50, 95])} m or less in 50, 95 %")
@@ -285,8 +285,8 @@ def _kitti_cost(run: RealRun, shift: float) -> float:
     bias = gtsam.imuBias.ConstantBias()
     position_noise = gtsam.noiseModel.Isotropic.Sigma(3, kitti.POSITION_SD_M[0])
     for k in range(1, len(t)):
-        before, after = max(k - 1, 1), min(k + 1, len(t) - 1)
-        velocity = (positions[after] - positions[before]) / (t[after] - t[before])
+        lower, upper = max(k - 1, 1), min(k + 1, len(t) - 1)
+        velocity = (positions[upper] - positions[lower]) / (t[upper] - t[lower])
         values.insert(X(k), gtsam.Pose3(gtsam.Rot3.Yaw(np.arctan2(velocity[1], velocity[0])), positions[k]))
         values.insert(V(k), velocity)
         graph.add(gtsam.GPSFactor(X(k), positions[k], position_noise))

@@ -79,7 +79,7 @@ def main(arguments: list[str] | None = None) -> int:
         for slipped, words in ((True, "slipped"), (False, "rolled")):
             if (1, slipped) not in errors:
                 continue
-            one, two = (float(np.sqrt(np.mean(np.concatenate(errors[tachs, slipped]) ** 2))) for tachs in (1, 2))
+            single, double = (float(np.sqrt(np.mean(np.concatenate(errors[tachs, slipped]) ** 2))) for tachs in (1, 2))
             count = len(errors[1, slipped])
-            print(f"{name:12}{count:10d}{words:>10}{one:18.3f}{two:18.3f}{two / one:8.2f}", flush=True)
+            print(f"{name:12}{count:10d}{words:>10}{single:18.3f}{double:18.3f}{double / single:8.2f}", flush=True)
     return 0

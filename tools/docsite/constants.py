@@ -21,8 +21,8 @@ def docstring_of(name: str) -> list[str]:
         for module in list(sys.modules)
         if f"{module}.".startswith(f"{package}.") and getattr(sys.modules[module], constant, None) is value
     ]
-    found = (ModuleAnalyzer.for_module(module).find_attr_docs().get(("", constant)) for module in holders)
-    return next(filter(None, found), [])
+    docstrings = (ModuleAnalyzer.for_module(module).find_attr_docs().get(("", constant)) for module in holders)
+    return next(filter(None, docstrings), [])
 
 
 def _replace(_app: Sphinx, what: str, name: str, value: object, _options: object, lines: list[str]) -> None:

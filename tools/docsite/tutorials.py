@@ -84,10 +84,10 @@ def _run(app: Sphinx) -> None:
     folders = [home / Path(name).name for name in names]
     pages = [Path(app.srcdir, f"{name}.md") for name in names]
     try:
-        found = _carried_out(pages, folders)
+        outputs = _carried_out(pages, folders)
     except ValueError as error:
         raise ExtensionError(str(error)) from error
-    app.tutorial_outputs = dict(zip(names, zip(found, folders, strict=True), strict=True))
+    app.tutorial_outputs = dict(zip(names, zip(outputs, folders, strict=True), strict=True))
 
 
 def _show(app: Sphinx, name: str, source: list[str]) -> None:

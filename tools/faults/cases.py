@@ -227,8 +227,8 @@ def _resources(
     fault: str, folder: Path, entry: Entry, rng: np.random.Generator, usual_s: float
 ) -> tuple[Conditions, str]:
     if fault == "kill":
-        after = float(rng.uniform(0.0, 1.1)) * usual_s
-        return Conditions(killed_after_s=after), f"killed after {after:.3f} s of {usual_s:.3f}"
+        kill_s = float(rng.uniform(0.0, 1.1)) * usual_s
+        return Conditions(killed_after_s=kill_s), f"killed after {kill_s:.3f} s of {usual_s:.3f}"
     if fault == "memory":
         size = int(2 ** rng.uniform(20, 29))
         return Conditions(memory_bytes=size), f"{size / 2**20:.0f} MiB of memory"
@@ -267,18 +267,18 @@ def _written(command: str) -> tuple[str, ...]:
 
 def _digests(folder: Path, command: str) -> dict[str, str]:
     """Return the digests of all numbers that a command has written: tables, checkpoints, and maps."""
-    found = {}
+    digests = {}
     words = command.split()
     places = [word for word in words if "://" in word or (word.endswith(".gpkg") and word in _written(command))]
     for place in places:
         made = read_map(place if "://" in place else folder / place)
         parts = [getattr(made, name).to_csv(index=False).encode() for name in ("grid", "landmarks", "line")]
-        found["map"] = hashlib.sha256(b"".join([*parts, made.covariance.tobytes()])).hexdigest()
+        digests["map"] = hashlib.sha256(b"".join([*parts, made.covariance.tobytes()])).hexdigest()
     for path in [path for name in _written(command) for path in (folder / name).rglob("*")]:
         is_ours = path.suffix in (".parquet", ".csv") or path.name == "checkpoint"
         if is_ours and "catalogue" not in path.parts:  # which lists when and where
-            found[path.relative_to(folder).as_posix()] = hashlib.sha256(_numbers(path)).hexdigest()
-    return found
+            digests[path.relative_to(folder).as_posix()] = hashlib.sha256(_numbers(path)).hexdigest()
+    return digests
 
 
 def _numbers(path: Path) -> bytes:
@@ -290,10 +290,10 @@ def _numbers(path: Path) -> bytes:
 
 def _differs(folder: Path, command: str, wanted: dict[str, str]) -> str | None:
     try:
-        found = _digests(folder, command)
+        digests = _digests(folder, command)
     except BadInputError as error:
         return f"what is written is not whole: {error}"
-    differing = sorted(name for name in wanted.keys() | found.keys() if wanted.get(name) != found.get(name))
+    differing = sorted(name for name in wanted.keys() | digests.keys() if wanted.get(name) != digests.get(name))
     return f"differs from what is written without a fault: {', '.join(differing)[:200]}" if differing else None
 
 
@@ -306,14 +306,14 @@ def _wrong_together(ends: list[End], folder: Path, command: str, wanted: dict[st
 
 def _content(folder: Path, leave_out: tuple[str, ...]) -> dict[str, str]:
     """Return the digest of every file outside of what the command may write."""
-    found = {}
+    digests = {}
     for path in folder.rglob("*"):
         name = path.relative_to(folder).as_posix()
         if name.split("/")[0] in leave_out or not stat.S_ISREG(path.lstat().st_mode):
             continue
         size = path.lstat().st_size
-        found[name] = str(size) if size > 2**28 else hashlib.sha256(path.read_bytes()).hexdigest()
-    return found
+        digests[name] = str(size) if size > 2**28 else hashlib.sha256(path.read_bytes()).hexdigest()
+    return digests
 
 
 def _wrong(command: str, end: End, conditions: Conditions) -> str | None:
@@ -377,11 +377,11 @@ def _is_whole(folder: Path) -> bool:
 def _survivors(folder: Path) -> str | None:
     """Return what is left of a killed command's processes, which end with it."""
     for _ in range(100):
-        left = [process for process in Path("/proc").glob("[0-9]*") if _works_in(process, folder)]
-        if not left:
+        survivors = [process for process in Path("/proc").glob("[0-9]*") if _works_in(process, folder)]
+        if not survivors:
             return None
         time.sleep(0.1)
-    return f"processes go on after their parent was killed: {', '.join(process.name for process in left)}"
+    return f"processes go on after their parent was killed: {', '.join(process.name for process in survivors)}"
 
 
 def _works_in(process: Path, folder: Path) -> bool:
@@ -400,12 +400,12 @@ def _left(
     now = _content(folder, leave_out=written)
     if lost := sorted(name for name in kept if now.get(name) != kept[name]):
         return f"changed: {', '.join(lost)[:200]}"
-    left = sorted(name for name in now if name not in kept and not (was_killed and name.startswith(".")))
+    leftovers = sorted(name for name in now if name not in kept and not (was_killed and name.startswith(".")))
     stray = sorted(path.name for path in folder.parent.iterdir() if path != folder and path.name not in _OF_LIBRARIES)
     if not was_killed and stray:
         return f"left in the folder for temporary files: {', '.join(stray)[:200]}"
-    if kept and left and not (was_killed and all(name.endswith("-journal") for name in left)):
-        return f"left over: {', '.join(left)[:200]}"
+    if kept and leftovers and not (was_killed and all(name.endswith("-journal") for name in leftovers)):
+        return f"left over: {', '.join(leftovers)[:200]}"
     out = folder / "out"
     if "smooth" in command and (old_result or end.status in (0, 3)):
         try:

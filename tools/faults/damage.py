@@ -244,11 +244,11 @@ def _columns(path: Path, rng: np.random.Generator) -> str:
 
 def _leaves(content: Any) -> list[tuple[Any, Any]]:
     items = list(content.items()) if isinstance(content, dict) else list(enumerate(content))
-    found = [(content, key) for key, _ in items]
+    leaves = [(content, key) for key, _ in items]
     for _, value in items:
         if isinstance(value, dict | list):
-            found += _leaves(value)
-    return found
+            leaves += _leaves(value)
+    return leaves
 
 
 def _load(path: Path) -> Any:
@@ -359,7 +359,7 @@ def _json_rows(path: Path, rng: np.random.Generator) -> str:
 def _number_in_text(path: Path, rng: np.random.Generator) -> str:
     """Change one number of a text, XML or MCAP alike, to another one."""
     content = path.read_bytes()
-    places = [found.start(1) for found in re.finditer(rb'[" ,:\[\-.]([0-9])', content)]
+    places = [digit.start(1) for digit in re.finditer(rb'[" ,:\[\-.]([0-9])', content)]
     if not places:
         return bytes_changed(path, rng)
     at = places[rng.integers(len(places))]

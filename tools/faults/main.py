@@ -114,8 +114,8 @@ def table(ends: Sequence[Outcome], entries: Sequence[str], faults: Sequence[str]
     for entry in entries:
         cells = []
         for fault in faults:
-            mine = [end for end in ends if (end.case.entry, end.case.fault) == (entry, fault)]
-            count = Counter("f" if end.failure else _ending(end.status) for end in mine)
+            of_fault = [end for end in ends if (end.case.entry, end.case.fault) == (entry, fault)]
+            count = Counter("f" if end.failure else _ending(end.status) for end in of_fault)
             cells.append(" ".join(f"{count[kind]}{kind}" for kind in "odxkf" if count[kind]) or "-")
         lines.append(f"| {entry} | " + " | ".join(cells) + " |")
     return "\n".join(lines) + "\n"

@@ -94,8 +94,8 @@ class Running:
             done, status, usage = os.wait4(self._child, os.WNOHANG)
             now = time.monotonic()
             if not done and killed_after_s is None and now > looked + _LOOK_EVERY_S:
-                looked, before, used = now, used, _processor_time_s(self._child)
-                worked = worked if used == before else now
+                looked, last_used, used = now, used, _processor_time_s(self._child)
+                worked = worked if used == last_used else now
                 hung = used > TIME_S or now - worked > TIME_S
             if not done and (hung or (killed_after_s is not None and now - self._start > killed_after_s)):
                 os.kill(self._child, signal.SIGKILL)

@@ -34,8 +34,8 @@ class Server:
 
 def programs() -> Path | None:
     """Return the folder of the newest server that is installed, None without any."""
-    found = sorted(Path("/usr/lib/postgresql").glob("*/bin/initdb"), key=lambda path: int(path.parts[4]))
-    return found[-1].parent if found else None
+    paths = sorted(Path("/usr/lib/postgresql").glob("*/bin/initdb"), key=lambda path: int(path.parts[4]))
+    return paths[-1].parent if paths else None
 
 
 @contextmanager
@@ -55,10 +55,8 @@ def running_server() -> Iterator[Server]:
     def run(program: str, *arguments: object) -> None:
         command = [str(installed / program), *map(str, arguments)]
         environment = {**os.environ, "LC_ALL": "C", "HOME": str(folder)}
-        with (folder / "said").open("ab") as said:  # not a pipe: the server would keep it open
-            done = subprocess.run(
-                command, user=user, cwd=folder, env=environment, stdout=said, stderr=said, check=False
-            )
+        with (folder / "said").open("ab") as log:  # not a pipe: the server would keep it open
+            done = subprocess.run(command, user=user, cwd=folder, env=environment, stdout=log, stderr=log, check=False)
         assert done.returncode == 0, (folder / "said").read_text()
 
     data, log = folder / "data", folder / "log"

@@ -40,8 +40,10 @@ def _of_trackfg(words: list[str]) -> list[str]:
         if words[0] not in command.commands:
             return [] if words[0].isupper() else words[:1]
         command, words = command.commands[words[0]], words[1:]
-    known = {name for parameter in command.params for name in (*parameter.opts, *parameter.secondary_opts)} | {"--help"}
-    return [word for word in _options(words) if word not in known]
+    options = {name for parameter in command.params for name in (*parameter.opts, *parameter.secondary_opts)} | {
+        "--help"
+    }
+    return [word for word in _options(words) if word not in options]
 
 
 def _options(words: list[str]) -> list[str]:

@@ -124,17 +124,17 @@ def _python(place: str, title: str, text: str, folder: Path, names: dict[str, An
 
 def command(place: str, line: str, folder: Path) -> Step:
     """Run a line of a shell in ``folder``, on a terminal, by the programs that a user has."""
-    ours, theirs = pty.openpty()
-    fcntl.ioctl(theirs, termios.TIOCSWINSZ, struct.pack("HHHH", _ROWS, _COLUMNS, 0, 0))
+    ours, terminal = pty.openpty()
+    fcntl.ioctl(terminal, termios.TIOCSWINSZ, struct.pack("HHHH", _ROWS, _COLUMNS, 0, 0))
     path = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
     environment = {name: value for name, value in os.environ.items() if name not in ("COLUMNS", "LINES")}
     environment |= {"PATH": path, "TERM": "xterm-256color"}
     start = last = time.perf_counter()
     process = subprocess.Popen(
         ["bash", "-euo", "pipefail", "-c", line],
-        cwd=folder, env=environment, stdin=subprocess.DEVNULL, stdout=theirs, stderr=theirs, start_new_session=True,
+        cwd=folder, env=environment, stdin=subprocess.DEVNULL, stdout=terminal, stderr=terminal, start_new_session=True,
     )  # fmt: skip
-    os.close(theirs)
+    os.close(terminal)
     printed, silence = b"", 0.0
     while time.perf_counter() - start < _TIMEOUT_S:
         readable, _, _ = select.select([ours], [], [], 0.1)

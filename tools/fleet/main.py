@@ -111,8 +111,8 @@ def _same_everywhere(table: Path, folder: Path, kills: int, figures: Figures) ->
     began, done = _killed_again_and_again(_batch(table, stores["killed"]), stores["killed"], kills)
     figures.add(f"command killed {kills} times: same bits", _same(stores["killed"], reference), "all", done)
     figures.add("  runs begun more than once for nothing", began, "0", began == 0)
-    left = [path.name for path in stores["killed"].rglob(".*") if path.name != ".known.sqlite"]
-    figures.add("  half-written, left over", len(left), "0", not left)
+    leftovers = [path.name for path in stores["killed"].rglob(".*") if path.name != ".known.sqlite"]
+    figures.add("  half-written, left over", len(leftovers), "0", not leftovers)
 
     with _cluster(folder) as (address, lose_worker):
         command = _batch(table, stores["cluster"], "--scheduler", address)
@@ -128,13 +128,13 @@ def _killed_again_and_again(command: list[str], store: Path, kills: int) -> tupl
     """Return how many results that were there were computed again, and whether the last call did the rest."""
     chance, again = random.Random(1), 0
     for _ in range(kills):
-        before = {path: path.stat().st_mtime_ns for path in store.glob("results/*/summary.json")}
+        times_ns = {path: path.stat().st_mtime_ns for path in store.glob("results/*/summary.json")}
         with subprocess.Popen(command, stdout=subprocess.DEVNULL) as batch:
             try:
                 batch.wait(chance.uniform(3.0, 30.0))
             except subprocess.TimeoutExpired:
                 batch.send_signal(signal.SIGKILL)
-        again += sum(path.stat().st_mtime_ns != changed for path, changed in before.items())
+        again += sum(path.stat().st_mtime_ns != changed for path, changed in times_ns.items())
     return again, subprocess.run(command, check=False, stdout=subprocess.DEVNULL).returncode == 0
 
 

@@ -47,23 +47,23 @@ class TrendScores:
 
 def trend_scores(lines: int) -> TrendScores:
     """Return what comes of so many lines with defects, and as many still ones."""
-    found, rates, dates, tamped, false = [], [], [], [], 0
+    shares, rates, dates, tamped, false = [], [], [], [], 0
     limit = Limit(standard="made up", parameter="level", level="limit", kind="peak", value_mm=_LIMIT_MM, chord_m=10.0)
     for seed in range(lines):
         trends = trends_of(_line(FOUND_BY + 1, _RATES, seed), [(limit, _QUANTITY)])
         at_defects = _at_defects(trends.trends).groupby("defect").first()
-        found.append(len(at_defects) / DEFECTS)
+        shares.append(len(at_defects) / DEFECTS)
         error = at_defects["rate_mm_per_month"] - _RATES[at_defects.index]
         rates += list(np.abs(error) < 2.0 * at_defects["rate_mm_per_month_sd"])
         dates += list(_dates_inside(trends))
-        after = trends_of(_line(TAMPED_IN + 1, _RATES, seed + 1000, tamped=True))
-        steps = _at_defects(after.steps)
+        tamped_trends = trends_of(_line(TAMPED_IN + 1, _RATES, seed + 1000, tamped=True))
+        steps = _at_defects(tamped_trends.steps)
         large = np.flatnonzero(np.abs(_RATES) * TAMPED_IN >= _LARGE_STEP_MM)
         on_time = steps[steps["date"] == _date(TAMPED_IN).date().isoformat()]["defect"]
         tamped += list(np.isin(large, on_time))
         false += len(trends_of(_line(FOUND_BY + 1, np.zeros(DEFECTS), seed + 2000)).trends)
     return TrendScores(
-        float(np.mean(found)),
+        float(np.mean(shares)),
         float(np.mean(rates)),
         float(np.mean(dates)),
         float(np.mean(tamped)),

@@ -69,14 +69,14 @@ def _smoothed(seed: int) -> tuple[list[Result], list[Result], _Line]:
     wrong, right = [], []
     for run in runs:
         chainage, t = run.truth["chainage_m"].to_numpy(), run.truth["t_s"].to_numpy()
-        passed = np.interp(places + _READING_SD * rng.normal(size=COUNT), chainage, t)
-        wrong.append(smooth(_with_balises(run.recording, passed, line.with_wrong())))
-        right.append(smooth(_with_balises(run.recording, passed, line)))
+        passage_t = np.interp(places + _READING_SD * rng.normal(size=COUNT), chainage, t)
+        wrong.append(smooth(_with_balises(run.recording, passage_t, line.with_wrong())))
+        right.append(smooth(_with_balises(run.recording, passage_t, line)))
     return wrong, right, line
 
 
-def _with_balises(recording: Recording, passed: Array, line: _Line) -> Recording:
-    table = pd.DataFrame({"t_s": passed, "id": [str(number) for number in range(COUNT)], "chainage_m": line.planned})
+def _with_balises(recording: Recording, passage_t: Array, line: _Line) -> Recording:
+    table = pd.DataFrame({"t_s": passage_t, "id": [str(number) for number in range(COUNT)], "chainage_m": line.planned})
     table["chainage_sd_m"] = np.where(np.isnan(line.planned), np.nan, _PLANNED_SD)
     balises = Balises(file="balises.csv", reading_sd_m=_READING_SD)
     description = recording.description.model_copy(update={"fixes": None, "balises": balises})
@@ -95,5 +95,5 @@ def _scores(wrong: BaliseSurvey, right: BaliseSurvey, line: _Line) -> tuple[floa
     bent = float(np.abs(with_wrong["place_m"] - without["place_m"])[others].max())
     surveyed = with_wrong.loc[_UNKNOWN]
     normalised = (surveyed["place_m"] - line.places[_UNKNOWN]) / surveyed["place_m_sd"]
-    found = abs(float(with_wrong.loc[_WRONG, "sigmas"])) if named[_WRONG] else 0.0
-    return found, int(named[others].sum()), bent, normalised.to_numpy()
+    sigmas = abs(float(with_wrong.loc[_WRONG, "sigmas"])) if named[_WRONG] else 0.0
+    return sigmas, int(named[others].sum()), bent, normalised.to_numpy()

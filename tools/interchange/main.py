@@ -117,11 +117,11 @@ def _chainage_difference(back: Recording, original: Recording) -> float:
     # Whatever a form cannot say (noise, mounting, kind of wheel) is taken from the original for both.
     description = original.description.model_copy(update={**parts, "fixes": None})
     first = smooth(replace(original, description=description, fixes=None, **common))
-    own = {name: getattr(back, name) for name in tables}
-    second = smooth(replace(original, description=description, imu=back.imu, fixes=None, **own))
+    sensors = {name: getattr(back, name) for name in tables}
+    second = smooth(replace(original, description=description, imu=back.imu, fixes=None, **sensors))
     t = first.trajectory["t_s"]
-    there = np.interp(t, second.trajectory["t_s"], second.trajectory["chainage_m"])
-    return float(np.abs(first.trajectory["chainage_m"] - there).max())
+    second_chainage = np.interp(t, second.trajectory["t_s"], second.trajectory["chainage_m"])
+    return float(np.abs(first.trajectory["chainage_m"] - second_chainage).max())
 
 
 def _refused(target: Path, source: Path, back: Recording, name: str) -> tuple[int, int]:

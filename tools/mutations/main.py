@@ -45,8 +45,8 @@ def main(arguments: list[str] | None = None) -> int:
 
     chosen = [(part, one) for part in PARTS for one in part.mutations if _is_meant(given.only, part, one)]
     if given.list:
-        for part, one in chosen:
-            print(f"{part.file}: {one.sentence}  [{' '.join(part.tests)}]")
+        for part, mutation in chosen:
+            print(f"{part.file}: {mutation.sentence}  [{' '.join(part.tests)}]")
         return 0
     misplaced = list(faults(ROOT, (part for part, _ in chosen)))
     if misplaced:
@@ -67,41 +67,42 @@ def faults(root: Path, parts: Iterable[Part]) -> Iterator[str]:
             yield f"{', '.join(missing)}: there is no such file. Hint: correct tools/mutations/catalogue.py"
             continue
         text = (root / part.file).read_text()
-        for one in part.mutations:
-            for fragment, _ in one.changes:
+        for mutation in part.mutations:
+            for fragment, _ in mutation.changes:
                 if (count := text.count(fragment)) != 1:
                     yield (
-                        f"{part.file}: {fragment!r} is there {count} times, expected once ({one.sentence}). "
+                        f"{part.file}: {fragment!r} is there {count} times, expected once ({mutation.sentence}). "
                         "Hint: correct tools/mutations/catalogue.py"
                     )
 
 
 def _run(copy: Path, chosen: list[tuple[Part, Mutation]]) -> int:
-    status, said = _tested(copy, list(dict.fromkeys(test for part, _ in chosen for test in part.tests)))
+    status, report = _tested(copy, list(dict.fromkeys(test for part, _ in chosen for test in part.tests)))
     if status != _PASSED:
-        print(f"the tests fail without any mutation\n{said}", file=sys.stderr)
+        print(f"the tests fail without any mutation\n{report}", file=sys.stderr)
         return 2
     survivors, notices = [], Counter[str]()
-    for count, (part, one) in enumerate(chosen, 1):
+    for count, (part, mutation) in enumerate(chosen, 1):
         begin = time.monotonic()
-        with _mutated(copy / _installed(part.file), one):
-            status, said = _tested(copy, part.tests)
+        with _mutated(copy / _installed(part.file), mutation):
+            status, report = _tested(copy, part.tests)
         if status not in (_PASSED, _FAILED):
-            print(f"{part.file}: {one.sentence}: the tests could not be run\n{said}", file=sys.stderr)
+            print(f"{part.file}: {mutation.sentence}: the tests could not be run\n{report}", file=sys.stderr)
             return 2
         notices[part.file] += status == _FAILED
         if status == _PASSED:
-            survivors.append((part, one))
+            survivors.append((part, mutation))
         outcome = "killed" if status == _FAILED else "SURVIVES"
-        print(f"{count:3d}/{len(chosen)}  {outcome:8s} {time.monotonic() - begin:5.1f} s  {part.file}: {one.sentence}")
+        took_s = time.monotonic() - begin
+        print(f"{count:3d}/{len(chosen)}  {outcome:8s} {took_s:5.1f} s  {part.file}: {mutation.sentence}")
         sys.stdout.flush()
     every = Counter(part.file for part, _ in chosen)
     print(f"\n{'file':44s} {'mutations':>9s} {'killed':>6s} {'survive':>7s}")
     for file, number in every.items():
         print(f"{file:44s} {number:9d} {notices[file]:6d} {number - notices[file]:7d}")
     print(f"{'all':44s} {len(chosen):9d} {notices.total():6d} {len(survivors):7d}")
-    for part, one in survivors:
-        print(f"survives: {part.file}: {one.sentence} {one.changes}")
+    for part, mutation in survivors:
+        print(f"survives: {part.file}: {mutation.sentence} {mutation.changes}")
     return 1 if survivors else 0
 
 

@@ -194,13 +194,13 @@ def axle_box(seed: int) -> dict[str, float]:
 def _both_kinds(name: str, run: Simulation, *, as_printed: bool = False, time_s: float = 12.5) -> dict[str, float]:
     """``NAME adaptive`` and ``NAME fixed``."""
     both = {"adaptive": True, "fixed": False}
-    found = {
+    estimates = {
         kind: adaptive_ekf.run(run.recording, adaptive=adaptive, as_printed=as_printed, T_c_s=time_s)
         for kind, adaptive in both.items()
     }
     return {
         f"{name} {kind}": rms(_errors(run, estimate, "twist_mm", run.truth_geometry))
-        for kind, estimate in found.items()
+        for kind, estimate in estimates.items()
     }
 
 

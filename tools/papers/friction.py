@@ -37,7 +37,7 @@ def measure(seed: int) -> dict[str, float]:
     constant = {
         f"constant {mu:g}": _constant_friction(drive, *span) for mu, span in zip(FRICTION, STRETCHES_S, strict=True)
     }
-    constant["constant off"] = max(abs(found - mu) for found, mu in zip(constant.values(), FRICTION, strict=True))
+    constant["constant off"] = max(abs(estimate - mu) for estimate, mu in zip(constant.values(), FRICTION, strict=True))
     return constant | {
         f"{name} {quantity}": value
         for name, table in tables.items()
@@ -73,14 +73,14 @@ def _slip_lines(measured: pd.DataFrame) -> list[Comparison]:
     column = measured.to_dict("list")
     names = [f"{modes} modes" for modes in MODES]
     order = sorted(names, key=lambda name: mean_of(column[f"{name} slip"]))
-    said = dict(zip(names, ("poor", "poor at low mu", "good"), strict=True))
+    of_paper = dict(zip(names, ("poor", "poor at low mu", "good"), strict=True))
     lines = []
     for name in names:
         wanted = name == order[0]
         filtered, graph = column[f"{name} slip"], column["graph slip"]
         met = ratio_met(graph, filtered, 0.5) if wanted else None
         target = "smoother <= 0.5 of the best" if wanted else "-"
-        lines.append(Comparison(f"slip angle rms, mrad, {name}", said[name], target, filtered, graph, met))
+        lines.append(Comparison(f"slip angle rms, mrad, {name}", of_paper[name], target, filtered, graph, met))
     for mu in FRICTION:
         lines += [
             Comparison(f"at mu {mu:g}, {name}", "-", "-", column[f"{name} slip {mu:g}"], column[f"graph slip {mu:g}"])
@@ -94,10 +94,12 @@ def _friction_lines(measured: pd.DataFrame) -> list[Comparison]:
     lines = []
     for mu in FRICTION:
         for modes in MODES:
-            found = column[f"{modes} modes friction {mu:g}"]
-            near = _near(found, mu) if modes > min(MODES) else None
+            frictions = column[f"{modes} modes friction {mu:g}"]
+            near = _near(frictions, mu) if modes > min(MODES) else None
             target = "-" if near is None else f"baseline within {NEAR:g}"
-            lines.append(Comparison(f"friction at mu {mu:g}, {modes} modes", f"near {mu:g}", target, found, None, near))
+            lines.append(
+                Comparison(f"friction at mu {mu:g}, {modes} modes", f"near {mu:g}", target, frictions, None, near)
+            )
         graph = column[f"graph friction {mu:g}"]
         within = f"smoother within {NEAR:g}"
         lines.append(Comparison(f"friction at mu {mu:g}, graph", "-", within, None, graph, _near(graph, mu)))
@@ -121,8 +123,8 @@ def _single_runs(measured: pd.DataFrame) -> list[Comparison]:
     return lines
 
 
-def _near(found: list[float], mu: float) -> bool:
-    return bool(abs(mean_of(found) - mu) <= NEAR)
+def _near(frictions: list[float], mu: float) -> bool:
+    return bool(abs(mean_of(frictions) - mu) <= NEAR)
 
 
 PAPERS = (

@@ -92,12 +92,12 @@ def _curves(run: Simulation, earlier: Simulation, smoothed: Result) -> dict[str,
     """Errors of the chainage, m, where the baseline was set by a curve, and the smoother's there."""
     table = curve_table(*composite_positioning.survey(earlier.recording).to_numpy().T)
     without = composite_positioning.run(run.recording, reset_at_fixes=False).trajectory
-    found = composite_positioning.run(run.recording, curve_points=table, reset_at_fixes=False)
-    steps = np.diff(found.trajectory["chainage_m"] - without["chainage_m"])
-    t = found.trajectory["t_s"].to_numpy()[np.flatnonzero(np.abs(steps) > SET_M) + 1]
+    baseline = composite_positioning.run(run.recording, curve_points=table, reset_at_fixes=False)
+    steps = np.diff(baseline.trajectory["chainage_m"] - without["chainage_m"])
+    t = baseline.trajectory["t_s"].to_numpy()[np.flatnonzero(np.abs(steps) > SET_M) + 1]
     true = np.interp(t, run.truth["t_s"], run.truth["chainage_m"])
-    out = {"curves used": float(len(t)), "curves refused": float((found.events["kind"] == "curve refused").sum())}
-    for name, trajectory in (("baseline", found.trajectory), ("smoother", smoothed.trajectory)):
+    out = {"curves used": float(len(t)), "curves refused": float((baseline.events["kind"] == "curve refused").sum())}
+    for name, trajectory in (("baseline", baseline.trajectory), ("smoother", smoothed.trajectory)):
         error = np.interp(t, trajectory["t_s"], trajectory["chainage_m"]) - true
         out[f"{name} curve rms"] = _mean(error**2) ** 0.5
         out[f"{name} curve within"] = _mean(np.abs(error) <= NEAR_M)
@@ -111,9 +111,9 @@ def true_slips(run: Simulation) -> pd.DataFrame:
 
 def errors_percent(run: Simulation, trajectory: pd.DataFrame, spans: Array, scale: float) -> Array:
     """Errors of the distances run in ``spans`` (n, 2) s, in % of them."""
-    found = scale * np.diff(np.interp(spans, trajectory["t_s"], trajectory["chainage_m"]), axis=1)[:, 0]
+    distance = scale * np.diff(np.interp(spans, trajectory["t_s"], trajectory["chainage_m"]), axis=1)[:, 0]
     true = np.diff(np.interp(spans, run.truth["t_s"], run.truth["chainage_m"]), axis=1)[:, 0]
-    return np.asarray(100.0 * (found / true - 1.0))
+    return np.asarray(100.0 * (distance / true - 1.0))
 
 
 def legs_with_slip(run: Simulation) -> Array:

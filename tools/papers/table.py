@@ -35,8 +35,8 @@ class Comparison:
 
 def mean_of(values: Sequence[float] | None) -> float:
     """The mean over the seeds that have a value; NaN if none has."""
-    known = _known(values)
-    return float(known.mean()) if known.size else float("nan")
+    finite = _known(values)
+    return float(finite.mean()) if finite.size else float("nan")
 
 
 def ratio_met(smoother: Sequence[float], baseline: Sequence[float], limit: float) -> bool:
@@ -46,18 +46,18 @@ def ratio_met(smoother: Sequence[float], baseline: Sequence[float], limit: float
 
 def statistics(values: Sequence[float] | None) -> dict[str, float]:
     """``mean``, ``margin`` (half its 95 % interval, Student's t over seeds), ``least``, ``greatest``, ``seeds``."""
-    known = _known(values)
-    if known.size == 0:
+    finite = _known(values)
+    if finite.size == 0:
         return {"mean": np.nan, "margin": np.nan, "least": np.nan, "greatest": np.nan, "seeds": 0}
     margin = np.nan
-    if known.size > 1:
-        margin = float(stats.t.ppf(0.975, known.size - 1) * known.std(ddof=1) / np.sqrt(known.size))
+    if finite.size > 1:
+        margin = float(stats.t.ppf(0.975, finite.size - 1) * finite.std(ddof=1) / np.sqrt(finite.size))
     return {
-        "mean": float(known.mean()),
+        "mean": float(finite.mean()),
         "margin": margin,
-        "least": float(known.min()),
-        "greatest": float(known.max()),
-        "seeds": known.size,
+        "least": float(finite.min()),
+        "greatest": float(finite.max()),
+        "seeds": finite.size,
     }
 
 

@@ -58,14 +58,14 @@ def measure(seed: int) -> dict[str, float]:
 
 def _errors(run: Simulation, estimate: BaselineResult | SmoothedStates) -> pd.DataFrame:
     """``level, alignment`` (mm), ``kmh`` and ``place_m``, the chainage where the car was."""
-    found = geometry_errors(estimate.geometry, estimate.trajectory, run.truth, run.truth_geometry)
+    errors = geometry_errors(estimate.geometry, estimate.trajectory, run.truth, run.truth_geometry)
     trajectory, truth = estimate.trajectory, run.truth
     # The car never runs back; at rest an estimate may.
-    t = np.interp(found["chainage_m"], np.maximum.accumulate(trajectory["chainage_m"]), trajectory["t_s"])
+    t = np.interp(errors["chainage_m"], np.maximum.accumulate(trajectory["chainage_m"]), trajectory["t_s"])
     return pd.DataFrame(
         {
-            **{quantity: found[column] for quantity, column in COLUMNS.items()},
-            "kmh": found["speed_mps"] / KMH,
+            **{quantity: errors[column] for quantity, column in COLUMNS.items()},
+            "kmh": errors["speed_mps"] / KMH,
             "place_m": np.interp(t, truth["t_s"], truth["chainage_m"]),
         }
     )

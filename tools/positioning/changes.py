@@ -44,13 +44,13 @@ def measure(seed: int) -> dict[str, float]:
     """Defects found by kind, false alarms and what was compared, of all later runs together."""
     feature_map, placed = map_of_all(seed), defects(seed)
     out = {f"{kind} found": 0.0 for kind in KINDS} | {"runs": float(len(LATER_RUNS)), "false": 0.0, "km": 0.0}
-    for plan, there in ((with_defects(placed), placed), (SHUTTLE, ())):
+    for plan, placed_defects in ((with_defects(placed), placed), (SHUTTLE, ())):
         for number in LATER_RUNS:
             result = smooth(simulate(plan, seed=seed, run=number).recording, SmoothConfig())
             changes = find_changes(result, feature_map)
-            near = near_defects(changes.table, there)
-            for kind, found in zip(KINDS, near.any(axis=0), strict=False):
-                out[f"{kind} found"] += float(found)
+            near = near_defects(changes.table, placed_defects)
+            for kind, hit in zip(KINDS, near.any(axis=0), strict=False):
+                out[f"{kind} found"] += float(hit)
             out["false"] += float((~near.any(axis=1)).sum())
             out["km"] += _compared_km(changes)
     return out

@@ -129,14 +129,14 @@ def figures(measured: pd.DataFrame) -> list[Figure]:
         Figure("curves per km", measured["curves per km"].mean(), measured["curves per km"]),
     ]
     for count in CURVES:
-        after = f"begun anywhere, after {count} curve{'s' if count > 1 else ''}"
-        found = f"{after}: right place, believed, share"
+        condition = f"begun anywhere, after {count} curve{'s' if count > 1 else ''}"
+        name = f"{condition}: right place, believed, share"
         share = ratio(measured, f"{count} right", f"{count} starts")
         by_seed = measured[f"{count} right"] / measured[f"{count} starts"]
         lines += [
-            at_least(found, share, BELIEVED, by_seed) if count == max(CURVES) else Figure(found, share, by_seed),
-            Figure(f"{after}: mean probability", measured[f"{count} probability"].mean()),
-            at_most(f"{after}: wrong places believed", measured[f"{count} wrong"].sum(), 0.0),
+            at_least(name, share, BELIEVED, by_seed) if count == max(CURVES) else Figure(name, share, by_seed),
+            Figure(f"{condition}: mean probability", measured[f"{count} probability"].mean()),
+            at_most(f"{condition}: wrong places believed", measured[f"{count} wrong"].sum(), 0.0),
         ]
     starts = measured[f"{CURVES[0]} starts"].sum()
     return [*lines, Figure("begun anywhere: places in all", starts)]

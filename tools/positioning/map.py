@@ -44,13 +44,13 @@ def measure(seed: int) -> dict[str, float]:
         first, last = feature_map.grid["chainage_m"].iloc[[0, -1]]
         begin, end = surveyed.designed[:, 0], surveyed.designed[:, 3]
         inside = (begin >= first + FROM_END_M) & (end <= last - FROM_END_M)
-        found = landmark_errors(feature_map.landmarks, feature_map.covariance, surveyed.designed)
+        scores = landmark_errors(feature_map.landmarks, feature_map.covariance, surveyed.designed)
         for what, points in {"ends": CURVE_POINTS, "middles": tuple(MIDDLES)}.items():
-            chosen = found.errors[found.errors["point"].isin(points)]
+            chosen = scores.errors[scores.errors["point"].isin(points)]
             out |= {f"{name} {what} {of}": value for of, value in _scores(chosen).items()}
         out[f"{name} curves"] = float(inside.sum())
-        out[f"{name} missed"] = float((inside & ~found.seen).sum())
-        out[f"{name} false"] = float(found.false)
+        out[f"{name} missed"] = float((inside & ~scores.seen).sum())
+        out[f"{name} false"] = float(scores.false)
         out[f"{name} level mrad"] = _cross_level_error_mm(surveyed, feature_map) / _base_m(feature_map)
     return out | _rolls(surveyed, feature_map)
 

@@ -86,17 +86,17 @@ def _figures(measured: pd.DataFrame, short: str) -> list[Figure]:
     of, name = pd.DataFrame(column), SCENARIOS[short]
     leg, recall, precision = f"{name}: rms error of a leg with slip, %", f"{name}: recall", f"{name}: precision"
     legs = pooled_rms(of, "legs all rms", "legs count")
-    found, right = ratio(of, "found", "asked"), ratio(of, "right", "events")
+    hit_share, right = ratio(of, "found", "asked"), ratio(of, "right", "events")
     if short == "line":
         judged = [
             at_most(leg, legs, LEG_PERCENT, of["legs all rms"], paper="2"),
-            at_least(recall, found, FOUND, of["found"] / of["asked"]),
+            at_least(recall, hit_share, FOUND, of["found"] / of["asked"]),
             at_least(precision, right, FOUND, of["right"] / of["events"]),
         ]
     else:
         judged = [
             Figure(leg, legs, of["legs all rms"], paper="2"),
-            Figure(recall, found, of["found"] / of["asked"]),
+            Figure(recall, hit_share, of["found"] / of["asked"]),
             Figure(precision, right, of["right"] / of["events"]),
         ]
     return [

@@ -36,7 +36,7 @@ def measure(seed: int) -> dict[str, float]:
     feature_map, rng = map_of_all(seed), np.random.default_rng([seed, 2])
     out = {"starts": 0.0, "found": 0.0, "wrong": 0.0, "on other track": 0.0, "other track located": 0.0}
     errors: dict[str, list[Array]] = {name: [] for name in ("smoothed", "filtered", "alone", "batch", "sd")}
-    after = []
+    distances = []
     for number in LATER_RUNS:
         run = simulate(SHUTTLE, seed=seed, run=number)
         recording = with_fixes(run.recording, [0])
@@ -50,12 +50,12 @@ def measure(seed: int) -> dict[str, float]:
         begin, end = float(t[np.searchsorted(_travelled(run), rng.uniform(0.0, 0.5) * _travelled(run)[-1])]), t[-1]
         tables, _ = streamed(cut(run.recording, begin, end), feature_map)
         wrong = [np.abs(_errors(table, run)) > RIGHT_M for table in tables.values()]
-        known = tables["smoothed"][tables["smoothed"]["chainage_m_sd"] < KNOWN_M]
+        rows = tables["smoothed"][tables["smoothed"]["chainage_m_sd"] < KNOWN_M]
         out["starts"] += 1.0
-        out["found"] += float(len(known) > 0)
+        out["found"] += float(len(rows) > 0)
         out["wrong"] += float(any(one.any() for one in wrong))
-        if len(known):
-            after.append(np.ptp(np.interp([begin, known["t_s"].iloc[0]], t, _travelled(run))))
+        if len(rows):
+            distances.append(np.ptp(np.interp([begin, rows["t_s"].iloc[0]], t, _travelled(run))))
         other = simulate(SHUTTLE, seed=seed + OTHER_SEED, run=number)
         _, kinds = streamed(with_fixes(other.recording, None), feature_map)
         out["on other track"] += 1.0
@@ -66,7 +66,7 @@ def measure(seed: int) -> dict[str, float]:
         "near": float((size["smoothed"] <= NEAR_M).sum()),
         "covered": float((size["smoothed"] <= 1.96 * size["sd"]).sum()),
         "greatest": float(size["smoothed"].max()),
-        "found after": float(np.mean(after)) if after else np.nan,
+        "found after": float(np.mean(distances)) if distances else np.nan,
         **{f"{name} p95": float(np.quantile(size[name], 0.95)) for name in ("smoothed", "filtered", "alone", "batch")},
     }
 
@@ -85,8 +85,8 @@ def _known(table: pd.DataFrame, run: Simulation) -> pd.DataFrame:
 
 
 def _errors(table: pd.DataFrame, run: Simulation) -> Array:
-    known = _known(table, run)
-    return np.asarray(known["chainage_m"] - true_at(run, "chainage_m", known["t_s"].to_numpy()))
+    rows = _known(table, run)
+    return np.asarray(rows["chainage_m"] - true_at(run, "chainage_m", rows["t_s"].to_numpy()))
 
 
 def _travelled(run: Simulation) -> Array:

@@ -52,9 +52,9 @@ def as_table(scores: list[RealScore]) -> str:
         "| recording | horizontal error, m | sigma, m | rms of error over that of sigma | met |",
         "|---|---|---|---|---|",
     ]
-    for one in scores:
-        met = "yes" if one.met else "NO"
-        lines.append(f"| {one.name} | {one.error_m:.2f} | {one.sigma_m:.2f} | {one.ratio:.2f} | {met} |")
+    for score in scores:
+        met = "yes" if score.met else "NO"
+        lines.append(f"| {score.name} | {score.error_m:.2f} | {score.sigma_m:.2f} | {score.ratio:.2f} | {met} |")
     return "\n".join(lines)
 
 

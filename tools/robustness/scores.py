@@ -82,11 +82,11 @@ def streamed(run: Simulation) -> Estimate:
 
 def floor(run: Simulation) -> Estimate | None:
     """Return what dead reckoning says; None where it is not there, or cannot use the recording."""
-    known = estimators(peers=False)
-    if FLOOR not in known:
+    catalogue = estimators(peers=False)
+    if FLOOR not in catalogue:
         return None
     try:
-        result = known[FLOOR].run(run.recording)
+        result = catalogue[FLOOR].run(run.recording)
     except TrackfgError:
         return None
     return Estimate(result.trajectory, result.geometry)
@@ -166,15 +166,15 @@ def _plan_errors(trajectory: pd.DataFrame, truth: pd.DataFrame) -> pd.DataFrame:
     """Return the horizontal error after a rotation and a shift that make it least; its sigma is not known."""
     clock = truth["t_s"].to_numpy()
     inside = trajectory[trajectory["t_s"].between(clock[0], clock[-1])]
-    said = inside["east_m"].to_numpy() + 1j * inside["north_m"].to_numpy()
+    estimate = inside["east_m"].to_numpy() + 1j * inside["north_m"].to_numpy()
     t = inside["t_s"].to_numpy()
     true = np.interp(t, clock, truth["east_m"]) + 1j * np.interp(t, clock, truth["north_m"])
-    error = rigidly_fitted(said, true) - (true - true.mean())
+    error = rigidly_fitted(estimate, true) - (true - true.mean())
     return pd.DataFrame({"t_s": t, "plan_m": np.abs(error), "plan_m_sd": np.nan})
 
 
-def rigidly_fitted(said: Array, true: Array) -> Array:
+def rigidly_fitted(estimate: Array, true: Array) -> Array:
     """Return points of the complex plane (n,) about their mean, turned to lie as the true ones (n,) do about theirs."""
-    centred = said - said.mean()
+    centred = estimate - estimate.mean()
     turn = np.vdot(centred, true - true.mean())
     return np.asarray(centred * turn / abs(turn)) if abs(turn) > 0.0 else centred

@@ -96,8 +96,8 @@ def floor_markdown(rows: pd.DataFrame) -> str:
 def _beside(table: pd.DataFrame, other: str) -> pd.DataFrame:
     """Return the rows of the smoother with the rms of another estimator as ``other``, where both have one."""
     keys = ["case", "quantity"]
-    theirs = table[table["estimator"] == other].set_index(keys)["rms"].rename("other")
-    return table[table["estimator"] == SMOOTHER].join(theirs, on=keys).dropna(subset=["rms", "other"])
+    other_rms = table[table["estimator"] == other].set_index(keys)["rms"].rename("other")
+    return table[table["estimator"] == SMOOTHER].join(other_rms, on=keys).dropna(subset=["rms", "other"])
 
 
 def _lines(label: str, rows: pd.DataFrame, text: Callable[[Any], str]) -> Iterator[str]:
@@ -117,8 +117,8 @@ def _cell(row: pd.Series) -> str:
 
 
 def _pooled(values: pd.Series) -> float:
-    known = values.dropna()
-    return float(np.sqrt(np.mean(np.square(known)))) if len(known) else np.nan
+    finite = values.dropna()
+    return float(np.sqrt(np.mean(np.square(finite)))) if len(finite) else np.nan
 
 
 def _text(value: float) -> str:

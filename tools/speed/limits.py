@@ -89,8 +89,8 @@ def work(use: ProcessUse) -> dict[str, Work]:
 
 
 def _numbers(table: Path) -> int:
-    found = pq.read_metadata(table)
-    return int(found.num_rows * found.num_columns)
+    metadata = pq.read_metadata(table)
+    return int(metadata.num_rows * metadata.num_columns)
 
 
 def _householder(rows: float, columns: int, pivots: int) -> float:
@@ -101,10 +101,17 @@ def _householder(rows: float, columns: int, pivots: int) -> float:
 def limits_table(use: ProcessUse, machine: Machine) -> list[list[str]]:
     """Each stage's CPU time, its work, and how far the time is from the least; header first."""
     rows = [["stage", "CPU time", "bytes", "operations", "least time", "times the least"]]
-    for stage, own in work(use).items():
-        took, least = use.stages_s[stage], own.least_s(machine)
-        operations = f"{own.operations / 1e9:.2f} G" if own.operations else ""
+    for stage, stage_work in work(use).items():
+        took, least = use.stages_s[stage], stage_work.least_s(machine)
+        operations = f"{stage_work.operations / 1e9:.2f} G" if stage_work.operations else ""
         rows.append(
-            [stage, f"{took:.2f} s", f"{own.bytes / 1e6:.0f} MB", operations, f"{least:.4f} s", f"{took / least:.0f}"]
+            [
+                stage,
+                f"{took:.2f} s",
+                f"{stage_work.bytes / 1e6:.0f} MB",
+                operations,
+                f"{least:.4f} s",
+                f"{took / least:.0f}",
+            ]
         )
     return rows

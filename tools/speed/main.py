@@ -218,11 +218,12 @@ def machine() -> list[str]:
     """Processor and cores; the versions that matter."""
     cpuinfo = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
     model = next((line.split(":", 1)[1].strip() for line in cpuinfo if line.startswith("model name")), "unknown")
-    found = versions()
+    version_of = versions()
     return [
         f"{model}, {os.cpu_count()} cores",
         ", ".join(
-            f"{name} {found[name]}" for name in ("trackfg", "kernels", "python", "gtsam", "numpy", "scipy", "pandas")
+            f"{name} {version_of[name]}"
+            for name in ("trackfg", "kernels", "python", "gtsam", "numpy", "scipy", "pandas")
         ),
     ]
 
@@ -304,8 +305,8 @@ def main() -> None:
             print(markdown(table), end="\n\n")
         return
     measured = measure(arguments.hours, arguments.repeats, day=arguments.day)
-    found = parts(measured)
-    print("\n\n".join(found.values()))
+    sections = parts(measured)
+    print("\n\n".join(sections.values()))
     if arguments.write is not None:
         page = arguments.write.read_text(encoding="utf-8")
-        arguments.write.write_text(filled(page, found), encoding="utf-8")
+        arguments.write.write_text(filled(page, sections), encoding="utf-8")

@@ -55,7 +55,7 @@ def made_up(km: float, runs: int) -> FeatureMap:
     identity = pd.Series([f"C{i // 4:04d}-{CURVE_POINTS[i % 4]}" for i in range(marks)], dtype="str")
     vertices = VERTEX_M * np.arange(round(length / VERTEX_M) + 1)
     names = pd.Series([f"run{i}" for i in range(runs)], dtype="str")
-    said = (*(f"landmark/{mark}/chainage_m" for mark in identity), "offset_m", "scale")
+    variables = (*(f"landmark/{mark}/chainage_m" for mark in identity), "offset_m", "scale")
     return FeatureMap(
         name="made up",
         conventions=MapConventions(1.067, 1.067, 10.0, 25.0, 10.0, STEP_M),
@@ -70,7 +70,9 @@ def made_up(km: float, runs: int) -> FeatureMap:
         line=filled(LINE_COLUMNS, vertices.size, rng).assign(chainage_m=vertices, east_m=vertices),
         runs=filled(RUN_COLUMNS, runs, rng).assign(run_id=names, content_sha256=names),
         information={
-            name: RunInformation(said, rng.normal(size=(len(said), len(said))), rng.normal(size=len(said)))
+            name: RunInformation(
+                variables, rng.normal(size=(len(variables), len(variables))), rng.normal(size=len(variables))
+            )
             for name in names
         },
         configuration={},
@@ -90,10 +92,10 @@ def measure(feature_map: FeatureMap, location: str) -> None:
         size = f", {file.stat().st_size / 1e6:.0f} MB in all" if file.exists() else ""
         print(f"  version {versions[-1].version} written in {time.perf_counter() - began:.1f} s{size}")
     began = time.perf_counter()
-    found = read_map(location)
+    newest = read_map(location)
     print(f"  read in {time.perf_counter() - began:.1f} s")
     began = time.perf_counter()
-    difference(versions[0], found)
+    difference(versions[0], newest)
     print(f"  compared in {time.perf_counter() - began:.2f} s")
 
 

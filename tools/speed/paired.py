@@ -46,22 +46,22 @@ def checked_out(commit: str, folder: Path) -> Path:
     return folder
 
 
-def in_pairs(before: Callable[[], Use], after: Callable[[], Use], pairs: int) -> list[tuple[Use, Use]]:
+def in_pairs(old: Callable[[], Use], new: Callable[[], Use], pairs: int) -> list[tuple[Use, Use]]:
     """Run both in turns; each is the first of every other pair."""
     uses = []
     for i in range(pairs):
         if i % 2:
-            later = after()
-            uses.append((before(), later))
+            later = new()
+            uses.append((old(), later))
         else:
-            uses.append((before(), after()))
+            uses.append((old(), new()))
     return uses
 
 
 def growth(uses: list[tuple[Use, Use]]) -> dict[str, float]:
     """The median of the pairs' ratios, after to before."""
     quantities = {"CPU time": 1, "peak memory": 2}
-    return {name: median(after[i] / before[i] for before, after in uses) for name, i in quantities.items()}
+    return {name: median(new[i] / old[i] for old, new in uses) for name, i in quantities.items()}
 
 
 def main() -> int:
@@ -74,22 +74,22 @@ def main() -> int:
     asked = parser.parse_args()
     with tempfile.TemporaryDirectory(prefix="trackfg-bench-") as name:
         folder = Path(name)
-        before = installed(checked_out(asked.against, folder / "source"), folder / "before")
-        after = installed(ROOT, folder / "after")
+        old = installed(checked_out(asked.against, folder / "source"), folder / "before")
+        new = installed(ROOT, folder / "after")
         recording = folder / "recording"
         seconds = ["--duration", f"{60.0 * asked.minutes:g}"]
-        measured(trackfg_command("simulate", "mainline", "-o", str(recording), *seconds), after)
+        measured(trackfg_command("simulate", "mainline", "-o", str(recording), *seconds), new)
 
         def run(packages: Path) -> Use:
             with tempfile.TemporaryDirectory(dir=folder) as results:  # a finished stream is not added to
                 asked_for = "stream" if asked.stream else "smooth"
                 return measured(trackfg_command(asked_for, str(recording), "-o", f"{results}/result"), packages)
 
-        run(before), run(after)  # reads files and compiles modules for the first time
-        uses = in_pairs(lambda: run(before), lambda: run(after), asked.pairs)
-    found = growth(uses)
-    for (what, ratio), i, unit in zip(found.items(), (1, 2), ("s", "GB"), strict=True):
+        run(old), run(new)  # reads files and compiles modules for the first time
+        uses = in_pairs(lambda: run(old), lambda: run(new), asked.pairs)
+    ratios = growth(uses)
+    for (what, ratio), i, unit in zip(ratios.items(), (1, 2), ("s", "GB"), strict=True):
         sides = (median(pair[side][i] for pair in uses) for side in (0, 1))
         print("{}: {:.2f} {unit} at {commit}, {:.2f} {unit} now".format(what, *sides, unit=unit, commit=asked.against))
         print(f"    the median of {len(uses)} pairs' ratios is {ratio:.3f}")
-    return int(max(found.values()) > MOST_GROWTH)
+    return int(max(ratios.values()) > MOST_GROWTH)

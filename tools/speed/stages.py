@@ -19,13 +19,13 @@ def main(recording: Path, out: Path) -> dict[str, float]:
 
     importlib.import_module("trackfg.cli.tables")  # as the command does
     seconds = {"start and imports": time.process_time()}
-    begun: dict[str, float] = {}
+    starts: dict[str, float] = {}
 
     def progress(stage: str, done: float) -> None:
         if done == 0.0:
-            begun[stage] = time.process_time()
-        elif done == 1.0 and stage in begun:
-            seconds[stage] = seconds.get(stage, 0.0) + time.process_time() - begun.pop(stage)
+            starts[stage] = time.process_time()
+        elif done == 1.0 and stage in starts:
+            seconds[stage] = seconds.get(stage, 0.0) + time.process_time() - starts.pop(stage)
 
     keep_freed_memory()
     with bounded_memory(round(SmoothOptions.memory * 1e9), out.parent):

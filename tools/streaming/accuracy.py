@@ -85,15 +85,15 @@ def measure(seed: int) -> dict[str, float]:
         for moment in MOMENTS:
             for column, away in _away(run, streamed[0].trajectory, moment * duration_s).items():
                 out[f"{name}/{column}/away/{moment}"] = away
-        for one in (*_known(run), *streamed):
+        for estimate in (*_known(run), *streamed):
             for label, since_s in ((name, -np.inf), (name + LATE, half_s)):
-                scores = _scores(one, run, since_s).set_index("quantity")
+                scores = _scores(estimate, run, since_s).set_index("quantity")
                 for what, (quantity, statistic) in COMPARED.items():
                     if quantity in scores.index:
-                        out[f"{label}/{one.name}/{what}"] = float(scores.loc[quantity, statistic])
-                if one.name in (STREAM, FILTERED):
+                        out[f"{label}/{estimate.name}/{what}"] = float(scores.loc[quantity, statistic])
+                if estimate.name in (STREAM, FILTERED):
                     for quantity in scores.index.intersection(COVERED):
-                        out[f"{label}/{one.name}/{quantity}/coverage"] = float(scores.loc[quantity, "coverage"])
+                        out[f"{label}/{estimate.name}/{quantity}/coverage"] = float(scores.loc[quantity, "coverage"])
     return out
 
 
@@ -110,8 +110,8 @@ def _streamed(run: Simulation) -> Iterator[_Estimate]:
     tables, _ = tables_of(RecordingSource(run.recording), smoother)
     tasks, none = get_args(Task), pd.DataFrame()
     for name, table, geometry in ((STREAM, "smoothed", tables.get("geometry", none)), (FILTERED, "filtered", none)):
-        own = tables[table]
-        yield _Estimate(name, own[own["chainage_m_sd"] < KNOWN_M], geometry, tasks)
+        rows = tables[table]
+        yield _Estimate(name, rows[rows["chainage_m_sd"] < KNOWN_M], geometry, tasks)
 
 
 def _away(run: Simulation, smoothed: pd.DataFrame, until_s: float) -> dict[str, float]:
@@ -119,10 +119,12 @@ def _away(run: Simulation, smoothed: pd.DataFrame, until_s: float) -> dict[str, 
     the trajectory, in its mean sigmas; NaN where the stream does not state its place.
     """
     batch = smooth(_up_to(run.recording, until_s)).trajectory
-    left = [table[table["t_s"].between(until_s - LAG_S - LEAVING_S, until_s - LAG_S)] for table in (smoothed, batch)]
-    rows, theirs = (table.set_index(table["t_s"].round(6)) for table in left)
+    leaving = [table[table["t_s"].between(until_s - LAG_S - LEAVING_S, until_s - LAG_S)] for table in (smoothed, batch)]
+    rows, batch_rows = (table.set_index(table["t_s"].round(6)) for table in leaving)
     # Of the mean sigma: at rest a single row of speed may have one of almost nothing.
-    return {name: float((rows[name] - theirs[name]).mean() / theirs[f"{name}_sd"].mean()) for name in LIKE_BATCH}
+    return {
+        name: float((rows[name] - batch_rows[name]).mean() / batch_rows[f"{name}_sd"].mean()) for name in LIKE_BATCH
+    }
 
 
 def _up_to(recording: Recording, until_s: float) -> Recording:
@@ -132,33 +134,33 @@ def _up_to(recording: Recording, until_s: float) -> Recording:
     )
 
 
-def _scores(one: _Estimate, run: Simulation, since_s: float) -> pd.DataFrame:
+def _scores(estimate: _Estimate, run: Simulation, since_s: float) -> pd.DataFrame:
     """Of what was passed from ``since_s`` on."""
     truth = run.truth[run.truth["t_s"] >= since_s]
-    trajectory = one.trajectory[one.trajectory["t_s"] >= since_s]
-    if not one.anchored or run.recording.fixes is None:
+    trajectory = estimate.trajectory[estimate.trajectory["t_s"] >= since_s]
+    if not estimate.anchored or run.recording.fixes is None:
         trajectory = from_the_true_start(trajectory, truth)
     errors = [trajectory_errors(trajectory, truth)]
-    if one.name != FILTERED:
+    if estimate.name != FILTERED:
         errors.append(distance_errors(trajectory, truth))
-    if len(one.geometry):
-        of_places = geometry_errors(one.geometry, one.trajectory, run.truth, run.truth_geometry)
-        errors.append(of_places[_passed_s(one, run) >= since_s])
+    if len(estimate.geometry):
+        of_places = geometry_errors(estimate.geometry, estimate.trajectory, run.truth, run.truth_geometry)
+        errors.append(of_places[_passed_s(estimate, run) >= since_s])
     scores = pd.concat([score_run(table, band_kmh=None) for table in errors], ignore_index=True)
     scores = scores[scores["quantity"].isin(QUANTITIES) & (scores["places"] > 0)]
-    return scores[[QUANTITIES[name].task in one.tasks for name in scores["quantity"]]]
+    return scores[[QUANTITIES[name].task in estimate.tasks for name in scores["quantity"]]]
 
 
-def _passed_s(one: _Estimate, run: Simulation) -> Array:
+def _passed_s(estimate: _Estimate, run: Simulation) -> Array:
     """When the rows of the geometry were passed; NaN where that is more than one time."""
-    if "t_s" in one.geometry:
-        return one.geometry["t_s"].to_numpy()
+    if "t_s" in estimate.geometry:
+        return estimate.geometry["t_s"].to_numpy()
     way = run.truth["chainage_m"].to_numpy()
     steps = np.diff(way)
     if steps.min() < 0.0 < steps.max():
-        return np.full(len(one.geometry), np.nan)
+        return np.full(len(estimate.geometry), np.nan)
     sense = 1.0 if steps.max() > 0.0 else -1.0
-    return np.interp(sense * one.geometry["chainage_m"], sense * way, run.truth["t_s"])
+    return np.interp(sense * estimate.geometry["chainage_m"], sense * way, run.truth["t_s"])
 
 
 def figures(measured: pd.DataFrame) -> list[Figure]:
@@ -173,32 +175,34 @@ def _like_batch(measured: pd.DataFrame, scenario: str) -> list[Figure]:
     for column, label in LIKE_BATCH.items():
         away = measured.filter(like=f"{scenario}/{column}/away/")
         if away.notna().any(axis=None):
-            said = f"{scenario}: {label}: away from a batch of what had come, sigmas"
+            text = f"{scenario}: {label}: away from a batch of what had come, sigmas"
             by_seed = [rms(row.dropna()) for _, row in away.iterrows()]
-            lines.append(Figure(said, rms(away.melt()["value"].dropna()), by_seed))
+            lines.append(Figure(text, rms(away.melt()["value"].dropna()), by_seed))
     return lines
 
 
 def _compared(measured: pd.DataFrame, scenario: str) -> list[Figure]:
     lines = []
     for what in COMPARED:
-        own = {
+        by_estimator = {
             str(column).split("/")[1]: measured[column]
             for column in measured
             if str(column).startswith(f"{scenario}/") and str(column).endswith(f"/{what}")
         }
-        if STREAM not in own:
+        if STREAM not in by_estimator:
             continue
-        error = {name: rms(values.dropna()) for name, values in own.items()}
+        error = {name: rms(values.dropna()) for name, values in by_estimator.items()}
         baselines = {name: value for name, value in error.items() if name not in (STREAM, REFERENCE)}
         label = f"{scenario}: {what}"
-        lines.append(Figure(label, error[STREAM], own[STREAM]))
+        lines.append(Figure(label, error[STREAM], by_estimator[STREAM]))
         ratio = error[STREAM] / error[REFERENCE]
-        lines.append(at_most(f"{label}: over batch", ratio, TO_BATCH, own[STREAM] / own[REFERENCE]))
+        lines.append(at_most(f"{label}: over batch", ratio, TO_BATCH, by_estimator[STREAM] / by_estimator[REFERENCE]))
         if baselines:
             best = min(baselines, key=baselines.__getitem__)
             ratio = error[STREAM] / error[best]
-            lines.append(at_most(f"{label}: over {best}", ratio, TO_BASELINE, own[STREAM] / own[best]))
+            lines.append(
+                at_most(f"{label}: over {best}", ratio, TO_BASELINE, by_estimator[STREAM] / by_estimator[best])
+            )
     return lines
 
 
@@ -208,15 +212,15 @@ def _covered(measured: pd.DataFrame, scenario: str) -> list[Figure]:
         for quantity in COVERED:
             column = f"{scenario}/{estimator}/{quantity}/coverage"
             if column in measured and measured[column].notna().any():
-                said = f"{scenario}: coverage of {QUANTITIES[quantity].label}" + (
+                text = f"{scenario}: coverage of {QUANTITIES[quantity].label}" + (
                     ", filtered" if estimator == FILTERED else ""
                 )
                 share = float(np.nanmean(measured[column]))
                 judged = estimator == STREAM
                 lines.append(
-                    between(said, share, *COVERAGE, measured[column])
+                    between(text, share, *COVERAGE, measured[column])
                     if judged
-                    else Figure(said, share, measured[column])
+                    else Figure(text, share, measured[column])
                 )
     return lines
 

@@ -162,9 +162,9 @@ def stream(rows: Path, out: Path) -> tuple[pd.DataFrame, ...]:
 
 def times_real_time(rows: Path, out: Path, hours: float) -> float:
     """Of so many hours from their rows to Parquet parts."""
-    source, begun = RowFiles(rows, STORED_BATCH_S, 3600.0 * hours), time.perf_counter()
+    source, start = RowFiles(rows, STORED_BATCH_S, 3600.0 * hours), time.perf_counter()
     run_stream(source, FixedLagSmoother(source.description, CONFIG, lag_s=LAG_S), ParquetParts(out))
-    return 3600.0 * hours / (time.perf_counter() - begun)
+    return 3600.0 * hours / (time.perf_counter() - start)
 
 
 def _resident_mb() -> float:
@@ -260,15 +260,15 @@ def figures(measured: pd.DataFrame) -> list[Figure]:
     ]
 
 
-def _slopes(of: pd.Series, what: str, said: str, unit: str) -> list[Figure]:
+def _slopes(of: pd.Series, what: str, text: str, unit: str) -> list[Figure]:
     growth, sigma, mean = (
         of[f"{what} {part}"] * scale for part, scale in (("slope", of["hours"]), ("sigma", of["hours"]), ("mean", 1.0))
     )
     noise = max(NOISE * mean, 2.0 * sigma)
     return [
-        Figure(f"{said}, {unit}", mean),
+        Figure(f"{text}, {unit}", mean),
         Figure(
-            f"{said}: growth over the run, {unit} (sigma {sigma:.2g})",
+            f"{text}: growth over the run, {unit} (sigma {sigma:.2g})",
             growth,
             target=f"<= {noise:.2g}",
             met=bool(growth <= noise),

@@ -42,12 +42,12 @@ def _counted(done: Sequence[Outcome]) -> dict[str, float]:
 def figures(measured: pd.DataFrame) -> list[Figure]:
     """The lines of the part."""
     of, lines = measured.iloc[0], []
-    for kind, said in (("none", "start with GNSS"), ("throw", "steps that throw")):
+    for kind, text in (("none", "start with GNSS"), ("throw", "steps that throw")):
         lines += [
-            Figure(f"{said}: streams", of[f"{kind} cases"]),
-            at_least(f"{said}: fewest times that something took over", of[f"{kind} fewest"], 1.0),
-            *(Figure(f"{said}: {name}", of[f"{kind} {name}"]) for name in TOOK_OVER),
-            at_most(f"{said}: checks failed", of[f"{kind} failed"], 0.0),
+            Figure(f"{text}: streams", of[f"{kind} cases"]),
+            at_least(f"{text}: fewest times that something took over", of[f"{kind} fewest"], 1.0),
+            *(Figure(f"{text}: {name}", of[f"{kind} {name}"]) for name in TOOK_OVER),
+            at_most(f"{text}: checks failed", of[f"{kind} failed"], 0.0),
         ]
     return lines
 

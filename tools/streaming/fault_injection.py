@@ -110,8 +110,8 @@ def duplicates(base: BaseCase, rng: np.random.Generator) -> Damaged:
     if changed:
         rows[:, 1:] += rng.normal(0.0, 1.0, rows[:, 1:].shape)
     stream = base.stream.with_table(name, table.joined(Arriving(again.at + delay, rows)))
-    said = f"{len(rows)} rows of {name} again {delay:g} s later" + (" with other values" if changed else "")
-    return Damaged(stream, begin, end, said)
+    text = f"{len(rows)} rows of {name} again {delay:g} s later" + (" with other values" if changed else "")
+    return Damaged(stream, begin, end, text)
 
 
 def reordered(base: BaseCase, rng: np.random.Generator) -> Damaged:
@@ -259,19 +259,19 @@ def wild(base: BaseCase, rng: np.random.Generator) -> Damaged:
 def thrown(base: BaseCase, rng: np.random.Generator) -> Damaged:
     """Steps of the smoother fail, as those of an undetermined graph do: one, or that of what takes over too."""
     begin, count = _begin(rng), int(rng.integers(1, 3))
-    said = f"{count} step{'s' if count > 1 else ''} thrown"
-    return Damaged(base.stream, begin, begin + 0.5, said, within=_failing(begin, count))
+    text = f"{count} step{'s' if count > 1 else ''} thrown"
+    return Damaged(base.stream, begin, begin + 0.5, text, within=_failing(begin, count))
 
 
 @contextmanager
 def _failing(begin: float, count: int) -> Iterator[None]:
     """So many steps of more than the newest two keyframes, and all of these until then."""
-    updated_by, left = Window.updated_by, count
+    updated_by, failures = Window.updated_by, count
 
     def failing(window: Window, *arguments: Any) -> Window:
-        nonlocal left
-        if window.t[-1] >= begin and left:
-            left -= len(window) > 2
+        nonlocal failures
+        if window.t[-1] >= begin and failures:
+            failures -= len(window) > 2
             raise UnsolvableError("thrown on purpose")
         return updated_by(window, *arguments)
 
@@ -344,10 +344,10 @@ def _silent(base: BaseCase, names: list[str], begin: float, duration: float) -> 
 def _set_clock(stream: Stream, name: str | None, begin: float, by: float) -> Stream:
     """From ``begin`` on stamps are greater by ``by``: those of one table, or of all."""
     tables = dict(stream.tables)
-    for one in tables if name is None else [name]:
-        rows = tables[one].rows.copy()
-        rows[tables[one].at >= begin, 0] += by
-        tables[one] = tables[one].with_rows(rows)
+    for key in tables if name is None else [name]:
+        rows = tables[key].rows.copy()
+        rows[tables[key].at >= begin, 0] += by
+        tables[key] = tables[key].with_rows(rows)
     return replace(stream, tables=tables)
 
 

@@ -88,19 +88,19 @@ def streamed(stream: Stream) -> Streamed:
 def case(kind: str, seed: int, undamaged: dict[str, dict[str, pd.DataFrame]]) -> Outcome:
     """One case; ``undamaged`` are the tables of the base cases."""
     rng = np.random.default_rng([seed, zlib.crc32(kind.encode())])
-    own = base_case(BASE_CASES[seed % len(BASE_CASES)])
-    outcome = Outcome(kind, seed, own.name)
+    base = base_case(BASE_CASES[seed % len(BASE_CASES)])
+    outcome = Outcome(kind, seed, base.name)
     start = time.perf_counter()
     try:
         if kind in BREAKS:
-            outcome.said, outcome.failed = BREAKS[kind](own, rng, undamaged[own.name])
+            outcome.said, outcome.failed = BREAKS[kind](base, rng, undamaged[base.name])
         else:
-            damaged = DAMAGES[kind](own, rng)
+            damaged = DAMAGES[kind](base, rng)
             outcome.said = f"{damaged.said} at {damaged.begin_s:.2f} s"
             with damaged.within:
                 result = streamed(damaged.stream)
             outcome.events = dict(result.counts.events)
-            judge(outcome, own, damaged, result, undamaged[own.name]["filtered"])
+            judge(outcome, base, damaged, result, undamaged[base.name]["filtered"])
     except Exception as error:
         place = traceback.extract_tb(error.__traceback__)[-1]
         outcome.failed["crash"] = f"{type(error).__name__}: {error} ({place.filename}:{place.lineno})"[:300]
@@ -108,7 +108,7 @@ def case(kind: str, seed: int, undamaged: dict[str, dict[str, pd.DataFrame]]) ->
     return outcome
 
 
-def judge(outcome: Outcome, own: BaseCase, damaged: Damaged, result: Streamed, reference: pd.DataFrame) -> None:
+def judge(outcome: Outcome, base: BaseCase, damaged: Damaged, result: Streamed, reference: pd.DataFrame) -> None:
     """Fill in what was not passed, and the errors over sigma."""
     filtered, smoothed = result.tables.get("filtered"), result.tables.get("smoothed")
     if filtered is None or smoothed is None:
@@ -121,13 +121,15 @@ def judge(outcome: Outcome, own: BaseCase, damaged: Damaged, result: Streamed, r
     if losses:
         outcome.failed["loss"] = "; ".join(losses)
     until = damaged.begin_s - _UNTOUCHED_S
-    ours, theirs = (table[table["t_s"] < until].to_numpy() for table in (filtered, reference))
-    if ours.shape != theirs.shape or not np.array_equal(ours, theirs):
-        outcome.failed["before"] = f"{len(ours)} filtered rows before {until:.2f} s differ from the {len(theirs)}"
+    ours, reference_rows = (table[table["t_s"] < until].to_numpy() for table in (filtered, reference))
+    if ours.shape != reference_rows.shape or not np.array_equal(ours, reference_rows):
+        outcome.failed["before"] = (
+            f"{len(ours)} filtered rows before {until:.2f} s differ from the {len(reference_rows)}"
+        )
     outside = []
     for name, table in (("filtered", filtered), ("smoothed", smoothed)):
         later = table[table["t_s"] > damaged.end_s + ahead + SETTLE_S]
-        for quantity, error, sd in errors(own, damaged, later, ahead):
+        for quantity, error, sd in errors(base, damaged, later, ahead):
             z = error / sd
             outcome.z[f"{name} {quantity}"] = z
             if not len(z):
@@ -171,9 +173,9 @@ def _losses(damaged: Damaged, result: Streamed, filtered: pd.DataFrame, smoothed
             yield f"{name}: NaN in {', '.join(wrong)}"
 
 
-def errors(own: BaseCase, damaged: Damaged, table: pd.DataFrame, ahead_s: float) -> Iterator[tuple[str, Array, Array]]:
+def errors(base: BaseCase, damaged: Damaged, table: pd.DataFrame, ahead_s: float) -> Iterator[tuple[str, Array, Array]]:
     """Of each quantity the errors of the rows, less what cannot be known, and their sigmas."""
-    truth, t = own.run.truth, table["t_s"].to_numpy() - ahead_s
+    truth, t = base.run.truth, table["t_s"].to_numpy() - ahead_s
     clock = truth["t_s"].to_numpy()
     for quantity, small in JUDGED.items():
         true = truth[quantity].to_numpy()
@@ -218,10 +220,10 @@ def _each_in_a_process(calls: Sequence[tuple[Callable, tuple]], jobs: int) -> It
     while waiting or running:
         while waiting and len(running) < jobs:
             i, (function, arguments) = waiting.pop()
-            ours, theirs = fork.Pipe(duplex=False)
-            process = fork.Process(target=_send, args=(theirs, function, arguments))
+            ours, child_end = fork.Pipe(duplex=False)
+            process = fork.Process(target=_send, args=(child_end, function, arguments))
             process.start()
-            theirs.close()
+            child_end.close()
             running[ours] = (i, process, time.monotonic() + LONGEST_S)
         ready = wait(list(running), timeout=1.0)
         for pipe, (i, process, until) in list(running.items()):

@@ -42,67 +42,67 @@ ROWS_PER_PART = (20, 400)
 CHECKPOINT_S = (2.0, 20.0)
 
 
-def kill(own: BaseCase, rng: np.random.Generator, whole: Tables) -> tuple[str, dict[str, str]]:
+def kill(base: BaseCase, rng: np.random.Generator, whole: Tables) -> tuple[str, dict[str, str]]:
     """Killed and resumed some times, at any moments."""
     kills = int(rng.integers(1, MOST_KILLS + 1))
     rows_per_part, every_s = int(rng.integers(*ROWS_PER_PART)), float(rng.uniform(*CHECKPOINT_S))
-    said = f"killed {kills} times; parts of {rows_per_part} rows, a checkpoint every {every_s:.1f} s"
+    text = f"killed {kills} times; parts of {rows_per_part} rows, a checkpoint every {every_s:.1f} s"
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         for _ in range(kills):
             moment = float(rng.random()), float(rng.uniform(0.0, 0.05))
-            code = _in_a_process(_written, own, folder, rows_per_part, every_s, moment)
+            code = _in_a_process(_written, base, folder, rows_per_part, every_s, moment)
             if code not in (-signal.SIGKILL, 0):
-                return said, {"crash": f"the process ended with {code}"}
+                return text, {"crash": f"the process ended with {code}"}
             if failed := _not_whole(folder, whole):
-                return said, {"loss": failed}
-        return said, _undisturbed(own, folder, whole, rows_per_part, every_s, "resumed")
+                return text, {"loss": failed}
+        return text, _undisturbed(base, folder, whole, rows_per_part, every_s, "resumed")
 
 
-def disk_full(own: BaseCase, rng: np.random.Generator, whole: Tables) -> tuple[str, dict[str, str]]:
+def disk_full(base: BaseCase, rng: np.random.Generator, whole: Tables) -> tuple[str, dict[str, str]]:
     """Parquet parts, or lines in a file, on a disk that has no room for them until it is made."""
     lines = bool(rng.random() < 0.5)
     room = int(np.exp(rng.uniform(np.log(1e3), np.log(4e5 if lines else 3e4))))
-    said = f"{'lines' if lines else 'parts'} on a disk with room for {room} bytes a file"
+    text = f"{'lines' if lines else 'parts'} on a disk with room for {room} bytes a file"
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         write = _lines_written if lines else _parts_written
-        code = _in_a_process(write, own, folder, room)
+        code = _in_a_process(write, base, folder, room)
         if code not in (0, _REFUSED):
-            return said, {"crash": f"the process ended with {code}; expected an OutputError"}
-        there = _tables_of_lines(folder / _LINES, whole) if lines else None
-        if failed := _not_whole(folder, whole, there):
-            return said, {"loss": failed}
+            return text, {"crash": f"the process ended with {code}; expected an OutputError"}
+        tables = _tables_of_lines(folder / _LINES, whole) if lines else None
+        if failed := _not_whole(folder, whole, tables):
+            return text, {"loss": failed}
         if lines:
-            return said, {}
-        return said, _undisturbed(own, folder, whole, _PART_ROWS, _EVERY_S, "with room again")
+            return text, {}
+        return text, _undisturbed(base, folder, whole, _PART_ROWS, _EVERY_S, "with room again")
 
 
 def _undisturbed(
-    own: BaseCase, folder: Path, whole: Tables, rows_per_part: int, every_s: float, when: str
+    base: BaseCase, folder: Path, whole: Tables, rows_per_part: int, every_s: float, when: str
 ) -> dict[str, str]:
     """What is wrong after going on to the end."""
-    code = _in_a_process(_written, own, folder, rows_per_part, every_s, None)
+    code = _in_a_process(_written, base, folder, rows_per_part, every_s, None)
     if code != 0:
         return {"crash": f"{when}, the process ended with {code}"}
     failed = _not_whole(folder, whole) or _not_all(folder, whole)
     return {"before": failed} if failed else {}
 
 
-def refused(own: BaseCase, rng: np.random.Generator, whole: Tables) -> tuple[str, dict[str, str]]:
+def refused(base: BaseCase, rng: np.random.Generator, whole: Tables) -> tuple[str, dict[str, str]]:
     """A sink of somebody's own, or a device, that says that it is full."""
     if rng.random() < 0.5:
-        said = "lines to a device that is full"
+        text = "lines to a device that is full"
         with open("/dev/full", "w", encoding="utf-8") as full:
             try:
-                run_stream(own.stream.source(), _smoother(own), JsonLines(full))
+                run_stream(base.stream.source(), _smoother(base), JsonLines(full))
             except OutputError:
-                return said, {}
+                return text, {}
             finally:
                 _close(full)
-        return said, {"loss": "nothing was said of it"}
+        return text, {"loss": "nothing was said of it"}
     last = int(rng.integers(1, len(whole["filtered"])))
-    said, taken = f"a callback that is full after {last} tables", []
+    text, taken = f"a callback that is full after {last} tables", []
 
     def take(table: str, frame: pd.DataFrame) -> None:
         if len(taken) == last:
@@ -110,15 +110,15 @@ def refused(own: BaseCase, rng: np.random.Generator, whole: Tables) -> tuple[str
         taken.append((table, frame))
 
     try:
-        run_stream(own.stream.source(), _smoother(own), Callback(take))
+        run_stream(base.stream.source(), _smoother(base), Callback(take))
     except OSError as error:
         if error.errno != errno.ENOSPC:
-            return said, {"crash": repr(error)}
+            return text, {"crash": repr(error)}
     else:
-        return said, {"loss": "nothing was said of it"}
-    there = {name: _under_each_other(frame for table, frame in taken if table == name) for name in TABLES}
-    failed = _not_whole(Path(), whole, there)
-    return said, {"before": failed} if failed else {}
+        return text, {"loss": "nothing was said of it"}
+    tables = {name: _under_each_other(frame for table, frame in taken if table == name) for name in TABLES}
+    failed = _not_whole(Path(), whole, tables)
+    return text, {"before": failed} if failed else {}
 
 
 BREAKS: Mapping[str, Break] = MappingProxyType({"kill": kill, "disk-full": disk_full, "sink-full": refused})
@@ -128,8 +128,8 @@ _REFUSED = 3
 _PART_ROWS, _EVERY_S = 100, 5.0
 
 
-def _smoother(own: BaseCase) -> FixedLagSmoother:
-    return FixedLagSmoother(own.stream.description, CONFIG, lag_s=LAG_S)
+def _smoother(base: BaseCase) -> FixedLagSmoother:
+    return FixedLagSmoother(base.stream.description, CONFIG, lag_s=LAG_S)
 
 
 def _close(file: io.TextIOBase) -> None:
@@ -154,7 +154,7 @@ class _Killing:
 
 
 def _written(
-    own: BaseCase, folder: Path, rows_per_part: int, every_s: float, moment: tuple[float, float] | None
+    base: BaseCase, folder: Path, rows_per_part: int, every_s: float, moment: tuple[float, float] | None
 ) -> None:
     """The stream into a folder, from its last checkpoint if it has one. ``moment`` of its end: at which part of what
     is left of it, and how many seconds after.
@@ -165,22 +165,22 @@ def _written(
         return
     begin = 0.0 if saved is None or saved.until_s is None else saved.until_s
     share, delay_s = (np.inf, 0.0) if moment is None else moment
-    source = own.stream.source(0 if saved is None else saved.position)
-    stream = Stream.of(_Killing(source, begin + share * (DURATION_S - begin), delay_s), _smoother(own), saved)
+    source = base.stream.source(0 if saved is None else saved.position)
+    stream = Stream.of(_Killing(source, begin + share * (DURATION_S - begin), delay_s), _smoother(base), saved)
     if saved is None:
         checkpoints.write(Checkpoint(stream.settings, NOTHING_WRITTEN))
     sink = ParquetParts(folder, rows_per_part=rows_per_part, state=NOTHING_WRITTEN if saved is None else saved.sink)
     stream.run(sink, checkpoints)
 
 
-def _parts_written(own: BaseCase, folder: Path, room: int) -> None:
-    _with_room(room, lambda: _written(own, folder, _PART_ROWS, _EVERY_S, None))
+def _parts_written(base: BaseCase, folder: Path, room: int) -> None:
+    _with_room(room, lambda: _written(base, folder, _PART_ROWS, _EVERY_S, None))
 
 
-def _lines_written(own: BaseCase, folder: Path, room: int) -> None:
+def _lines_written(base: BaseCase, folder: Path, room: int) -> None:
     def write() -> None:
         sink: Sink = JsonLines(folder / _LINES)
-        run_stream(own.stream.source(), _smoother(own), sink)
+        run_stream(base.stream.source(), _smoother(base), sink)
 
     _with_room(room, write)
 
@@ -220,12 +220,12 @@ def _under_each_other(frames: Iterator[pd.DataFrame]) -> pd.DataFrame:
     return pd.concat(parts, ignore_index=True) if parts else pd.DataFrame()
 
 
-def _not_whole(folder: Path, whole: Tables, there: Tables | None = None) -> str:
+def _not_whole(folder: Path, whole: Tables, tables: Tables | None = None) -> str:
     """Why what is there is not the beginning of the whole; empty where it is."""
     for name in TABLES:
-        if there is None and not (folder / name).is_dir():
+        if tables is None and not (folder / name).is_dir():
             continue
-        rows = read_parts(folder, name) if there is None else there.get(name, pd.DataFrame())
+        rows = read_parts(folder, name) if tables is None else tables.get(name, pd.DataFrame())
         if rows.empty:
             continue
         expected = whole[name].iloc[: len(rows)].reset_index(drop=True)

@@ -51,11 +51,11 @@ def case_of(text: str) -> tuple[str, int]:
 def run_cases(cases: Sequence[tuple[str, int]], jobs: int, per_case: Path | None) -> list[Outcome]:
     """Of all, in their order, with a progress bar on a terminal; what each gave is written as it comes."""
     console = Console(stderr=True)
-    found = progress_over(
+    results = progress_over(
         outcomes(cases, jobs), "cases", len(cases), console=console, transient=True, disable=not console.is_terminal
     )
     by_case: dict[tuple[str, int], Outcome] = {}
-    for outcome in found:
+    for outcome in results:
         if per_case is not None:
             of_case(outcome).to_csv(per_case, index=False, mode="a" if by_case else "w", header=not by_case)
         by_case[outcome.kind, outcome.seed] = outcome
