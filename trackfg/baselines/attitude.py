@@ -196,23 +196,23 @@ def _trajectory(recording: Recording, motion: SampledMotion, attitude: Attitude)
 
 def _geometry(recording: Recording, motion: SampledMotion, attitude: Attitude) -> pd.DataFrame:
     every = max(1, round(_PASS_STEP_S / motion.sampling_s))
-    found = passes(motion.distance[::every])
-    of_passes = [_of_pass(recording, motion, attitude, one, every) for one in found]
-    known = [table for table in of_passes if table is not None]
-    if not known:
+    traversals = passes(motion.distance[::every])
+    of_passes = [_of_pass(recording, motion, attitude, one, every) for one in traversals]
+    geometries = [table for table in of_passes if table is not None]
+    if not geometries:
         return filled(GEOMETRY_COLUMNS, {})
-    known.sort(key=len, reverse=True)  # the longest pass comes first
-    joined = pd.concat(known, ignore_index=True)
+    geometries.sort(key=len, reverse=True)  # the longest pass comes first
+    joined = pd.concat(geometries, ignore_index=True)
     return joined.drop_duplicates("chainage_m").sort_values("chainage_m", ignore_index=True)
 
 
 def _of_pass(
-    recording: Recording, motion: SampledMotion, attitude: Attitude, one: Pass, every: int
+    recording: Recording, motion: SampledMotion, attitude: Attitude, traversal: Pass, every: int
 ) -> pd.DataFrame | None:
     """Return the geometry table of one pass, facing increasing chainage; None for one that is too short."""
     track = recording.description.track
-    last = len(motion.t) if (one.last + 1) * every >= len(motion.t) else one.last * every + 1
-    rows = slice(one.first * every, last)
+    last = len(motion.t) if (traversal.last + 1) * every >= len(motion.t) else traversal.last * every + 1
+    rows = slice(traversal.first * every, last)
     if np.ptp(motion.distance[rows]) < _SHORTEST_PASS_M:
         return None
     values = [track.direction * attitude.cross_level[rows], motion.speed[rows]]

@@ -89,12 +89,12 @@ def run(recording: Recording, *, curve_points: Sequence[CurvePoints] = (), **par
     n = 0
     while n < len(beyond):
         detected = int(beyond[n])
-        start, found = _start(cycles, steady, detected, slips, p)
+        start, by_jerk_rule = _start(cycles, steady, detected, slips, p)
         way = p.coast(cycles, start)
         end = readhesion(
             cycles, way, detected, threshold_kmhps=p.threshold_kmhps, speed_tolerance_kmhps=p.speed_tolerance_kmhps
         )
-        slip = _Slip.until(cycles, way, detected, found, end)
+        slip = _Slip.until(cycles, way, detected, by_jerk_rule, end)
         if slips and start.cycle == slips[-1].final.cycle:
             slips[-1] = slips[-1].followed_by(slip)
         else:
@@ -145,27 +145,27 @@ def survey(recording: Recording, *, cycle_s: float = 0.1, average_s: float = 3.0
 class _Slip:
     """One correction: ``distance`` and ``speed`` replace the wheel's, one value for each cycle from start to final.
 
-    ``found``: a start point met the jerk rule. ``readhered``: it did not just run out of time.
+    ``by_jerk_rule``: a start point met the jerk rule. ``readhered``: it did not just run out of time.
     """
 
     kind: str
     detected: int
     start: int
-    found: bool
+    by_jerk_rule: bool
     readhered: bool
     speed: Array
     distance: Array
     final: VehicleState
 
     @classmethod
-    def until(cls, cycles: Cycles, way: Coasting, detected: int, found: bool, end: int | None) -> _Slip:
+    def until(cls, cycles: Cycles, way: Coasting, detected: int, by_jerk_rule: bool, end: int | None) -> _Slip:
         """Return what was integrated, up to the re-adhesion at cycle ``end``; all of it where that is None."""
         n = len(way.speed) - 1 if end is None else end - way.start
         return cls(
             kind="slip" if cycles.disagreement[detected] < 0.0 else "slide",
             detected=detected,
             start=way.start,
-            found=found,
+            by_jerk_rule=by_jerk_rule,
             readhered=end is not None,
             speed=way.speed[: n + 1],
             distance=way.distance[: n + 1],
@@ -227,18 +227,18 @@ class _Position:
         if recording.fixes is None or recording.fixes.empty:
             return position
         fixes = recording.fixes.sort_values("t_s")
-        for n, (at, known) in enumerate(zip(fixes["t_s"], fixes["chainage_m"], strict=True)):
+        for n, (at, chainage_m) in enumerate(zip(fixes["t_s"], fixes["chainage_m"], strict=True)):
             i = int(np.searchsorted(t, at))
             if i >= len(t):
                 break
-            step = known - float(np.interp(at, t, position.chainage))
+            step = chainage_m - float(np.interp(at, t, position.chainage))
             if n == 0:
                 position.chainage += step
             elif reset:
                 position._set(i, step)
             if n == 0 or reset:
                 position.set_at[i:] = i
-                position.rows.append(("fix used", at, float(known), f"position set by {step:+.2f} m"))
+                position.rows.append(("fix used", at, float(chainage_m), f"position set by {step:+.2f} m"))
         return position
 
     def _set(self, i: int, step: float, until: int | None = None) -> None:
@@ -266,10 +266,10 @@ def _measured_curvature(cycles: Cycles, chainage: Array, direction: int) -> tupl
     Both (n,); the curvature is 0 where that is less than a metre.
     """
     window, time_s = cycles.window, cycles.window * cycles.step_s
-    before = np.concatenate([np.full(window, chainage[0]), chainage[:-window]])
+    start = np.concatenate([np.full(window, chainage[0]), chainage[:-window]])
     turned, base = direction * cycles.mean_gyro[:, 2] * time_s, np.abs(cycles.mean_speed) * time_s
     moving = base > 1.0
-    return 0.5 * (before + chainage), np.where(moving, turned / np.where(moving, base, 1.0), 0.0)
+    return 0.5 * (start + chainage), np.where(moving, turned / np.where(moving, base, 1.0), 0.0)
 
 
 def _events(cycles: Cycles, slips: list[_Slip], position: _Position) -> pd.DataFrame:
@@ -277,7 +277,7 @@ def _events(cycles: Cycles, slips: list[_Slip], position: _Position) -> pd.DataF
     for slip in slips:
         wheel = cycles.distance[slip.final.cycle] - cycles.distance[slip.start]
         detail = f"detected at {cycles.t[slip.detected]:.1f} s"
-        detail += "" if slip.found else ", no start point met the jerk rule"
+        detail += "" if slip.by_jerk_rule else ", no start point met the jerk rule"
         detail += "" if slip.readhered else ", no re-adhesion"
         rows.append(
             {

@@ -81,10 +81,14 @@ def curve_table(chainage_m: Array, curvature_1pm: Array) -> list[CurvePoints]:
     points = []
     for n, (first, stop) in enumerate(bends):
         entry, leaving = float(chainage_m[first]), float(chainage_m[stop - 1])
-        before = float(chainage_m[bends[n - 1][1] - 1] if n else chainage_m[0])
-        after = float(chainage_m[bends[n + 1][0]] if n + 1 < len(bends) else chainage_m[-1])
+        previous_end = float(chainage_m[bends[n - 1][1] - 1] if n else chainage_m[0])
+        next_begin = float(chainage_m[bends[n + 1][0]] if n + 1 < len(bends) else chainage_m[-1])
         bend = curvature_1pm[first:stop]
-        if entry - before < _STRAIGHT_M or after - leaving < _STRAIGHT_M or np.any(np.sign(bend) != np.sign(bend[0])):
+        if (
+            entry - previous_end < _STRAIGHT_M
+            or next_begin - leaving < _STRAIGHT_M
+            or np.any(np.sign(bend) != np.sign(bend[0]))
+        ):
             continue
         size = np.abs(bend)
         value = float(np.median(size[size >= 0.9 * size.max()]))
@@ -137,15 +141,15 @@ def find_curve(
     enter = _crossing(travelled, np.abs(size), i - 1, limit)
     leave = _crossing(travelled, np.abs(size), j, limit)
     straight = np.abs(size) < _STRAIGHT_1PM
-    before, after = true_runs(straight[:i]), j + 1 + true_runs(straight[j + 1 :])
-    entry = float(travelled[before[-1][1] - 1] - travelled[before[-1][0]]) if len(before) else 0.0
-    leaving = float(travelled[after[0][1] - 1] - travelled[after[0][0]]) if len(after) else 0.0
+    straights_in, straights_out = true_runs(straight[:i]), j + 1 + true_runs(straight[j + 1 :])
+    entry = float(travelled[straights_in[-1][1] - 1] - travelled[straights_in[-1][0]]) if len(straights_in) else 0.0
+    leaving = float(travelled[straights_out[0][1] - 1] - travelled[straights_out[0][0]]) if len(straights_out) else 0.0
     straights = (curve.entry_m - curve.start_m, curve.end_m - curve.exit_m)
     needed_before, needed_after = straights if direction > 0 else straights[::-1]
 
-    reached = travelled >= travelled[after[0][0] if len(after) else j] + needed_after
+    reached = travelled >= travelled[straights_out[0][0] if len(straights_out) else j] + needed_after
     checked = int(rows[np.argmax(reached)]) if reached.any() else int(rows[-1])
-    began = np.searchsorted(travelled, travelled[before[-1][1] - 1 if len(before) else i] - needed_before)
+    began = np.searchsorted(travelled, travelled[straights_in[-1][1] - 1 if len(straights_in) else i] - needed_before)
     way = slice(int(rows[began]), checked + 1)
     reasons = [
         (entry < needed_before, f"entry straight of {entry:.0f} m"),
@@ -156,12 +160,12 @@ def find_curve(
         (bool(slipping[way].any()), "slip or slide on the way"),
         (float(speed[way].min()) < _SLOWEST_KMH * KMH, "too slow"),
     ]
-    known = curve.leave_m if direction > 0 else curve.enter_m
+    leaving_m = curve.leave_m if direction > 0 else curve.enter_m
     return Sighting(
         left=int(rows[j]),
         checked=checked,
         place_m=direction * leave,
-        correction_m=known - direction * leave,
+        correction_m=leaving_m - direction * leave,
         refused=", ".join(text for bad, text in reasons if bad),
     )
 

@@ -89,10 +89,10 @@ def _onto_positions(t: Array, path: Array, recording: Recording) -> tuple[Array,
     gnss = pd.DataFrame() if recording.gnss is None else recording.gnss[recording.gnss["t_s"].between(t[0], t[-1])]
     if len(gnss) == 0:
         return path, 0.0
-    seen = gnss["east_m"].to_numpy() + 1j * gnss["north_m"].to_numpy()
+    positions = gnss["east_m"].to_numpy() + 1j * gnss["north_m"].to_numpy()
     at = np.interp(gnss["t_s"], t, path.real) + 1j * np.interp(gnss["t_s"], t, path.imag)
-    turn = float(np.angle(np.sum(np.conj(at - at.mean()) * (seen - seen.mean()))))
-    return (path - at.mean()) * np.exp(1j * turn) + seen.mean(), turn
+    turn = float(np.angle(np.sum(np.conj(at - at.mean()) * (positions - positions.mean()))))
+    return (path - at.mean()) * np.exp(1j * turn) + positions.mean(), turn
 
 
 def _first_chainage(t: Array, rolled: Array, recording: Recording) -> float:

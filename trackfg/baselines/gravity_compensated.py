@@ -114,5 +114,5 @@ def readhesion(
     since = cycles.step_s * np.arange(len(cycle))
     alike = np.abs(cycles.disagreement[cycle]) <= threshold_kmhps * KMH
     close = np.abs(coasting.speed - cycles.speed[cycle]) < speed_tolerance_kmhps * KMH * since
-    found = np.flatnonzero(alike & close & (cycle >= detected))
-    return int(cycle[found[0]]) if found.size else None
+    candidates = np.flatnonzero(alike & close & (cycle >= detected))
+    return int(cycle[candidates[0]]) if candidates.size else None

@@ -114,12 +114,12 @@ def _by_wheel(distance: Array, step_s: float, window_s: float) -> tuple[Array, A
     return uniform_filter1d(long, 2 * half + 1)[2 * half : -2 * half], speed[half:-half], gained
 
 
-def _complementary(seen: Array, rate: Array, dt: Array, time_s: float) -> Array:
-    """Return the angle ``seen`` by the accelerometer below the corner, by the gyro's ``rate`` above. Shapes (n,)."""
+def _complementary(accel_angle: Array, rate: Array, dt: Array, time_s: float) -> Array:
+    """Return the angle: below the corner ``accel_angle``, above it the integral of the gyro's ``rate``. Shapes (n,)."""
     step = float(np.median(dt))
     a = time_s / (time_s + step)
-    start = float(seen[: max(1, round(1.0 / step))].mean())
-    out, _ = lfilter([1.0], [1.0, -a], a * rate * dt + (1.0 - a) * seen, zi=[a * start])
+    start = float(accel_angle[: max(1, round(1.0 / step))].mean())
+    out, _ = lfilter([1.0], [1.0, -a], a * rate * dt + (1.0 - a) * accel_angle, zi=[a * start])
     return np.asarray(out)
 
 

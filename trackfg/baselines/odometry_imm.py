@@ -91,7 +91,7 @@ def run(recording: Recording) -> BaselineResult:
     modes = _filter(t, wheel, force, p)
     direction = recording.description.track.direction
     sd = np.sqrt(np.diagonal(modes.covariance, axis1=1, axis2=2))
-    known = {
+    columns = {
         "t_s": t,
         "chainage_m": direction * modes.state[:, _S],
         "chainage_m_sd": sd[:, _S],
@@ -100,7 +100,7 @@ def run(recording: Recording) -> BaselineResult:
     }
     return BaselineResult(
         name="IMM odometry",
-        trajectory=filled(TRAJECTORY_COLUMNS, known),
+        trajectory=filled(TRAJECTORY_COLUMNS, columns),
         events=_events(t, modes, direction),
         parameters=asdict(p),
     )
@@ -196,10 +196,10 @@ def _events(t: Array, modes: Modes, direction: int) -> pd.DataFrame:
     slipping = probability[:, 1] + probability[:, 2]
     rows = []
     for i, j in true_runs(slipping > 0.5):
-        before, last = max(i - 1, 0), j - 1
+        first, last = max(i - 1, 0), j - 1
         kind = "slip" if probability[i:j, 1].sum() > probability[i:j, 2].sum() else "slide"
-        gained = state[last] - state[before]
-        rows.append((kind, before, last, float(gained[_W] - gained[_S])))
+        gained = state[last] - state[first]
+        rows.append((kind, first, last, float(gained[_W] - gained[_S])))
     rows += [("standstill", i, j - 1, np.nan) for i, j in true_runs(probability[:, 3] > 0.5)]
     sd = np.sqrt(modes.covariance[:, _S, _S])
     table = [

@@ -131,5 +131,5 @@ def start_point(cycles: Cycles, steady: np.ndarray, detected: int, setback_s: fl
     latest = detected - round(setback_s / cycles.step_s)
     if latest < earliest:
         return None
-    found = np.flatnonzero(steady[earliest : latest + 1])
-    return earliest + int(found[-1]) if found.size else None
+    candidates = np.flatnonzero(steady[earliest : latest + 1])
+    return earliest + int(candidates[-1]) if candidates.size else None

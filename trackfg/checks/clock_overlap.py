@@ -25,7 +25,7 @@ def clock_findings(
     imu: pd.DataFrame, parts: Mapping[str, Model], tables: Mapping[str, pd.DataFrame], limits: CheckLimits
 ) -> list[Finding]:
     """Return which ``tables`` do not meet the IMU's time, or meet it in part only; ``parts`` are their descriptions."""
-    found, expected = [], "times within those of the IMU"
+    findings, expected = [], "times within those of the IMU"
     begin, end = imu["t_s"].iloc[[0, -1]]
     for name, table in tables.items():
         part = parts[name]
@@ -37,10 +37,10 @@ def clock_findings(
         message = f"far from the IMU's time, {begin:.9g} to {end:.9g} s: left out"
         hint = "remove the rows, or write their times on the recording's clock"
         place = ColumnPlace(part.file, part.time, t)
-        found += place.at_first(~near & near.any(), "clocks-apart", message, expected, hint, "warning")
+        findings += place.at_first(~near & near.any(), "clocks-apart", message, expected, hint, "warning")
         zone_s = _zone_apart_s((begin, end), t, share)
         if share >= limits.overlap_warning and zone_s == 0.0:
-            found += _rolls_on(imu, table, near, place) if name.startswith("tach") else []
+            findings += _rolls_on(imu, table, near, place) if name.startswith("tach") else []
             continue
         message = f"the table covers {t[0]:.9g} to {t[-1]:.9g} s, the IMU {begin:.9g} to {end:.9g} s"
         is_error = (share == 0.0 and (t[0] > end or t[-1] < begin)) or not near.any()
@@ -51,10 +51,10 @@ def clock_findings(
             offset_s = part.time_offset_s + zone_s
             hint = f"set time_offset_s = {offset_s:g} in {section}: its times look like those of another time zone"
         level: Level = "error" if is_error else "warning"
-        found.append(
+        findings.append(
             Finding(level, "clocks-apart", message, file=part.file, column=part.time, expected=expected, hint=hint)
         )
-    return found
+    return findings
 
 
 def _zone_apart_s(record: tuple[float, float], t: Array, share: float) -> float:
@@ -76,14 +76,14 @@ def _rolls_on(imu: pd.DataFrame, tach: pd.DataFrame, near: np.ndarray, place: Co
     """A wheel that rolls for 20 s or more before the first row of the IMU, or after its last: a part is missing."""
     (begin, end), t, distance = imu["t_s"].iloc[[0, -1]], tach["t_s"].to_numpy(), tach["distance_m"].to_numpy()
     expected, hint = "an IMU that measures as long", "look for the missing rows: nothing is estimated there"
-    found, rolls = list[Finding](), np.append(np.diff(distance) != 0.0, False)
+    findings, rolls = list[Finding](), np.append(np.diff(distance) != 0.0, False)
     first, last = f"before the IMU's first row, at {begin:.9g} s", f"after the IMU's last row, at {end:.9g} s"
     for outside, where in ((near & (t < begin), first), (near & (t > end), last)):
         rolled = outside & rolls
         if rolled.any() and np.ptp(t[rolled]) >= SHORTEST_S:
             message = f"the wheel rolls {np.abs(np.diff(distance[outside])).sum():.4g} m {where}"
-            found += place.at_first(outside, "imu-absent", message, expected, hint, "warning")
-    return found
+            findings += place.at_first(outside, "imu-absent", message, expected, hint, "warning")
+    return findings
 
 
 def of_this_run(imu: pd.DataFrame | None, table: pd.DataFrame, limits: CheckLimits) -> pd.DataFrame:

@@ -199,7 +199,7 @@ def memory_faults(recording: Recording) -> list[Finding]:
                 "error", "not-a-description", message, file="description", expected="a RecordingDescription", hint=hint
             )
         ]
-    found = []
+    findings = []
     for name, table in recording.tables.items():
         kind = name.partition("/")[0]
         if kind not in _IN_MEMORY:
@@ -207,9 +207,9 @@ def memory_faults(recording: Recording) -> list[Finding]:
         if not getattr(recording.description, kind):
             message = f"the recording has this table, but its description has no [{kind}]"
             hint = f"describe it in the {kind} of RecordingDescription, or leave it out"
-            found.append(Finding("error", "missing-key", message, file=f"table {name!r}", hint=hint))
-        found += _table_faults(f"table {name!r}", table, _IN_MEMORY[kind])
-    return found
+            findings.append(Finding("error", "missing-key", message, file=f"table {name!r}", hint=hint))
+        findings += _table_faults(f"table {name!r}", table, _IN_MEMORY[kind])
+    return findings
 
 
 def _table_faults(file: str, table: pd.DataFrame, names: tuple[str, ...]) -> list[Finding]:
@@ -222,7 +222,7 @@ def _table_faults(file: str, table: pd.DataFrame, names: tuple[str, ...]) -> lis
         hint = "name the columns so; rates are in rad/s, forces in m/s^2, lengths in m and times in s"
         expected = ", ".join(names)
         return [Finding("error", "missing-column", message, file=file, column=missing[0], expected=expected, hint=hint)]
-    found = []
+    findings = []
     for name in names:
         dtype = table[name].dtype
         if not pd.api.types.is_numeric_dtype(dtype) or not isinstance(dtype, np.dtype):
@@ -230,18 +230,18 @@ def _table_faults(file: str, table: pd.DataFrame, names: tuple[str, ...]) -> lis
             remedy = None
             if pd.api.types.is_numeric_dtype(dtype):
                 expected, remedy = f"{expected}, as NumPy has them", "convert the table by astype('float64')"
-            found.append(
+            findings.append(
                 Finding("error", "not-numeric", message, file=file, column=name, expected=expected, hint=remedy)
             )
-    if found:
-        return found
+    if findings:
+        return findings
     t = table[names[0]].to_numpy(dtype=np.float64, na_value=np.nan)
     for name in names:
         values, place = table[name].to_numpy(dtype=np.float64, na_value=np.nan), ColumnPlace(file, name, t)
-        found += not_finite(values, place)
+        findings += not_finite(values, place)
         _, is_sigma, unit = name.rpartition("_sd_")
-        found += unusable_sigmas(values, place, _SIGMA_UNITS[unit]) if is_sigma else []
-    return found if found else not_increasing(t, ColumnPlace(file, names[0]))
+        findings += unusable_sigmas(values, place, _SIGMA_UNITS[unit]) if is_sigma else []
+    return findings if findings else not_increasing(t, ColumnPlace(file, names[0]))
 
 
 def too_fast_hint(imu: Imu) -> str:

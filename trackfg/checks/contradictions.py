@@ -105,7 +105,7 @@ def _columns(imu: Imu, force: ForceFit | None) -> list[Finding]:
     """Columns that are exchanged or have the wrong sign, by sensor."""
     if force is None or not force.columns_are_wrong:
         return []
-    found = []
+    findings = []
     for sensor, names, signs in (("accel", imu.accel, force.accel), ("gyro", imu.gyro, force.gyro)):
         P = _in_sensor_axes(imu, signs)
         order, negated = np.abs(P).argmax(axis=1), P.sum(axis=1) < 0.0
@@ -127,8 +127,8 @@ def _columns(imu: Imu, force: ForceFit | None) -> list[Finding]:
         )
         code, columns = _COLUMN_CODES[sensor][int(bool(moved))], ", ".join(moved or turned)
         expected, hint = "gyro and accelerometer in one right-handed triad, as imu.axes", " and ".join(edits)
-        found.append(Finding("warning", code, message, file=imu.file, column=columns, expected=expected, hint=hint))
-    return found
+        findings.append(Finding("warning", code, message, file=imu.file, column=columns, expected=expected, hint=hint))
+    return findings
 
 
 def _in_sensor_axes(imu: Imu, signs: Signs) -> np.ndarray:
@@ -146,15 +146,15 @@ def _mounting(force: ForceFit | None, limits: CheckLimits) -> list[Finding]:
     if force is None:
         return []
     turns = (("pitch", force.pitch, ("below", "above")), ("yaw", force.yaw, ("to the left of", "to the right of")))
-    found = []
+    findings = []
     for name, angle, ways in turns:
         if angle is None or not angle.exceeds(limits.mounting_deg):
             continue
         size, way = f"{abs(angle.value_deg):.1f} deg (sd {angle.sd_deg:.1f} deg)", ways[int(angle.value_deg < 0.0)]
         message = f"the sensor points {size} {way} the direction of travel, by the accelerations that it measures"
         hint = f"turn imu.mount_rpy_deg by {name} {angle.value_deg:.1f} deg, or have it estimated"
-        found.append(_warning("mounting", message, "imu.mount_rpy_deg", f"within {limits.mounting_deg:g} deg", hint))
-    return found
+        findings.append(_warning("mounting", message, "imu.mount_rpy_deg", f"within {limits.mounting_deg:g} deg", hint))
+    return findings
 
 
 def _clock(tach: Tach | None, offset: ClockOffset | None) -> list[Finding]:
@@ -169,27 +169,27 @@ def _bias(recording: Recording, bias: StaticBias | None) -> list[Finding]:
     if bias is None:
         return []
     noise = recording.description.imu.noise
-    found = []
+    findings = []
     gyro = float(np.max(np.abs(bias.gyro_radps)))
     if gyro > 4.0 * noise.gyro_bias_sd + 1e-4:
         message = f"the gyro shows {gyro:.3g} rad/s at rest, declared sigma {noise.gyro_bias_sd:.3g}"
         hint = f"set gyro_bias_sd = {gyro:.2g}"
-        found.append(_warning("gyro-bias", message, "imu.noise.gyro_bias_sd", hint=hint))
+        findings.append(_warning("gyro-bias", message, "imu.noise.gyro_bias_sd", hint=hint))
     accel = abs(bias.accel_excess_mps2)
     if accel > 4.0 * float(np.hypot(noise.accel_bias_sd, bias.accel_excess_sd_mps2)):
         message = (
             f"specific force at rest is off gravity by {accel:.3g} m/s^2, declared sigma {noise.accel_bias_sd:.3g}"
         )
         hint = f"set accel_bias_sd = {accel:.2g}, or calibrate the accelerometer's scale"
-        found.append(_warning("accel-bias", message, "imu.noise.accel_bias_sd", hint=hint))
-    return found
+        findings.append(_warning("accel-bias", message, "imu.noise.accel_bias_sd", hint=hint))
+    return findings
 
 
 def _noise(noise: NoiseDensity | None, limits: CheckLimits) -> list[Finding]:
     """More noise than declared makes every sigma too small; less is information only: motion adds vibration."""
     if noise is None:
         return []
-    found = []
+    findings = []
     for name, value, ratio in (
         ("gyro_white", noise.gyro_white, noise.gyro_ratio),
         ("accel_white", noise.accel_white, noise.accel_ratio),
@@ -197,19 +197,19 @@ def _noise(noise: NoiseDensity | None, limits: CheckLimits) -> list[Finding]:
         key = f"imu.noise.{name}"
         if ratio > limits.noise_ratio_warning:
             message = f"the noise at rest is {value:.3g}, {ratio:.1f} times what is declared or assumed"
-            found.append(_warning("noise-low", message, key, hint=f"set {name} = {value:.2g} or more"))
+            findings.append(_warning("noise-low", message, key, hint=f"set {name} = {value:.2g} or more"))
         elif ratio < 1.0 / limits.noise_ratio_warning:
             message = f"the noise at rest is {value:.3g}, {ratio:.2g} of what is declared or assumed"
             hint = f"set {name} = {value:.2g}, unless it stands for vibration in motion: sigmas are wider by it"
-            found.append(Finding("info", "noise-high", message, file=_TOML, column=key, hint=hint))
-    return found
+            findings.append(Finding("info", "noise-high", message, file=_TOML, column=key, hint=hint))
+    return findings
 
 
 def _speed(tach: Tach | None, force: ForceFit | None, limits: CheckLimits) -> list[Finding]:
     """Speeds scaled wrongly, by the force that acceleration and curves need."""
     if tach is None or force is None:
         return []
-    forward, lateral, found = force.forward, force.lateral, []
+    forward, lateral, findings = force.forward, force.lateral, []
     low, high = 1.0 / limits.speed_scale, limits.speed_scale
     if forward is not None and forward.correlation >= limits.axis_correlation and forward.excludes(low, high):
         message = (
@@ -217,12 +217,12 @@ def _speed(tach: Tach | None, force: ForceFit | None, limits: CheckLimits) -> li
             f"(surely {forward.low:.3g} to {forward.high:.3g})"
         )
         key, hint = _rescaled(tach, forward.value)
-        found.append(_warning("speed-scale", message, key, "1", hint))
+        findings.append(_warning("speed-scale", message, key, "1", hint))
     if lateral is not None and abs(lateral.correlation) >= _SURE_CORRELATION and lateral.excludes(0.5, 2.0):
         message = f"lateral specific force is {lateral.value:.3g} times what speed and gyro imply"
         hint = "check the units and scales of gyro, accelerometer and tach"
-        found.append(_warning("gyro-scale", message, "imu.gyro_unit", "about 1", hint))
-    return found
+        findings.append(_warning("gyro-scale", message, "imu.gyro_unit", "about 1", hint))
+    return findings
 
 
 _FEWEST_STRETCHES = 3
@@ -245,7 +245,7 @@ def _rescaled(tach: Tach, scale: float) -> tuple[str, str]:
 
 def _silence(tach: Tach | None, spans: Sequence[SilentSpan]) -> list[Finding]:
     """One finding for the longest span of each kind."""
-    found = []
+    findings = []
     remove = "remove these rows, or [tach]: a wheel that stands still reads as a slide"
     for kind, code, what, hint in (
         ("constant", "tach-silent", "stays at one value", remove),
@@ -259,8 +259,8 @@ def _silence(tach: Tach | None, spans: Sequence[SilentSpan]) -> list[Finding]:
         if len(of_kind) > 1:
             message += f" ({len(of_kind)} such spans)"
         about = Finding("warning", code, message, file=tach.file, column=tach.column, expected="motion", hint=hint)
-        found.append(replace(about, time_s=longest.start_s))
-    return found
+        findings.append(replace(about, time_s=longest.start_s))
+    return findings
 
 
 def _curves(tach: Tach | None, estimates: Estimates, limits: CheckLimits) -> list[Finding]:

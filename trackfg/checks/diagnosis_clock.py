@@ -89,12 +89,14 @@ def estimate_clock_offset(recording: Recording, max_offset_s: float = 20.0) -> C
         return None
     signals = _Signals.of(motion, max(_SHORT_S, 0.5 * tach_interval, motion.step_s))
     valid = signals.plausible
-    found = signals.offset(valid, max_offset_s)
-    if found is None or not found.is_sure:
-        return found
-    again = signals.offset(valid & ~signals.far_off(valid, found.offset_s), max_offset_s)
-    by_slips = again is None or (not again.is_sure and abs(again.offset_s - found.offset_s) > _MADE_BY * found.sd_s)
-    return again if by_slips else found
+    estimate = signals.offset(valid, max_offset_s)
+    if estimate is None or not estimate.is_sure:
+        return estimate
+    again = signals.offset(valid & ~signals.far_off(valid, estimate.offset_s), max_offset_s)
+    by_slips = again is None or (
+        not again.is_sure and abs(again.offset_s - estimate.offset_s) > _MADE_BY * estimate.sd_s
+    )
+    return again if by_slips else estimate
 
 
 @dataclass(frozen=True)
@@ -154,8 +156,8 @@ class _Signals:
         regressors = (force, change, speed * change / STANDARD_GRAVITY)
         A = np.column_stack([self.in_band(values, valid)[known] for values in regressors])
         y = acceleration[known]
-        left = y - A[:, 0] * float(A[:, 0] @ y / (A[:, 0] @ A[:, 0]))
-        variance = float(np.mean(left**2)) * _LONG_S / motion.step_s  # of residuals that are alike so long
+        residual = y - A[:, 0] * float(A[:, 0] @ y / (A[:, 0] @ A[:, 0]))
+        variance = float(np.mean(residual**2)) * _LONG_S / motion.step_s  # of residuals that are alike so long
         information, right = A.T @ A, A.T @ y
         information[2, 2] += variance / _CREEP_SD**2
         with_creep, without = (np.linalg.pinv(part, hermitian=True) for part in (information, information[:2, :2]))
@@ -236,10 +238,10 @@ def _jackknife_sd(a: Array, b: Array, lags: Array, correlation: Array, size: int
     total = np.sum(parts, axis=0)
     scale = np.divide(correlation, total, out=np.zeros_like(total), where=np.abs(total) > 0.0)
     peaks = [_peak(scale * (total - part)) for part in parts]
-    known = np.array([peak for peak in peaks if peak is not None])
-    if known.size < len(peaks) or known.size < _FEWEST_BLOCKS:
+    peak_lags = np.array([peak for peak in peaks if peak is not None])
+    if peak_lags.size < len(peaks) or peak_lags.size < _FEWEST_BLOCKS:
         return None
-    return jackknife_sd(known, float(known.mean()))
+    return jackknife_sd(peak_lags, float(peak_lags.mean()))
 
 
 def lagged_correlation(a: Array, b: Array, max_lag: float) -> tuple[Array, Array]:
@@ -275,7 +277,7 @@ def _lag_sd(y: Array, x: Array, lag: float, memory: int) -> float | None:
     index = np.arange(y.size, dtype=np.float64)
     inside = (index + lag >= 0) & (index + lag <= y.size - 1)
     shifted = np.interp(index + lag, index, x)[inside]
-    slope, own = np.interp(index + lag, index, np.gradient(x))[inside], np.gradient(y)[inside]
+    slope, y_slope = np.interp(index + lag, index, np.gradient(x))[inside], np.gradient(y)[inside]
     gain = float(shifted @ y[inside] / (shifted @ shifted))
     residual = y[inside] - gain * shifted
     n = residual.size
@@ -284,7 +286,7 @@ def _lag_sd(y: Array, x: Array, lag: float, memory: int) -> float | None:
     taper = 1.0 - np.abs(lags) / (reach + 1.0)
     noise = _products(residual, residual, lags) / n
     signal = _products(slope, slope, lags)
-    information = float(slope @ own)
+    information = float(slope @ y_slope)
     variance = float(np.sum(taper * noise * signal))
     if not information * gain > 0.0 or variance <= 0.0:
         return None

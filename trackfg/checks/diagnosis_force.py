@@ -75,14 +75,14 @@ def fit_force(recording: Recording, axes: AxesEstimate, clock: ClockOffset | Non
     rough = forward_slope(balance, np.zeros((3, 3))), lateral_slope(balance, np.eye(3))
     sure = [slope.value for slope in rough if slope is not None and _is_surely_scaled(slope)]
     scaled = balance if not sure else force_balance(facing.imu, facing.tach, speed_scale=sure[0]) or balance
-    found = estimate_gyro_columns(scaled)
-    accel, gyro = _fewest_edits(turn, found.matrix @ turn) if found.is_wrong else (turn, turn)
-    as_declared = np.array_equal(turn, np.eye(3)) and not found.is_wrong
+    gyro_columns = estimate_gyro_columns(scaled)
+    accel, gyro = _fewest_edits(turn, gyro_columns.matrix @ turn) if gyro_columns.is_wrong else (turn, turn)
+    as_declared = np.array_equal(turn, np.eye(3)) and not gyro_columns.is_wrong
     pitch, yaw = turned_aside(scaled) if as_declared else (None, None)
     return ForceFit(
-        forward_slope(balance, found.matrix),
-        lateral_slope(scaled, found.matrix),
-        found.contradiction,
+        forward_slope(balance, gyro_columns.matrix),
+        lateral_slope(scaled, gyro_columns.matrix),
+        gyro_columns.contradiction,
         _by_rows(accel),
         _by_rows(gyro),
         pitch,
@@ -100,7 +100,7 @@ class _Facing:
     imu: pd.DataFrame
     tach: pd.DataFrame
     balance: ForceBalance
-    left: pd.Series
+    power: pd.Series
 
 
 def _facing_forward(recording: Recording, axes: AxesEstimate, clock: ClockOffset | None) -> _Facing | None:
@@ -116,9 +116,9 @@ def _facing_forward(recording: Recording, axes: AxesEstimate, clock: ClockOffset
         slope = forward_slope(declared.balance, np.zeros((3, 3)))
         is_backwards = slope is not None and slope.high < 0.0 and slope.correlation < -_CORRELATION
         return proposed if is_backwards else declared
-    shared = declared.left.index.intersection(proposed.left.index)
-    one, other = (facing.left[shared].to_numpy() for facing in (declared, proposed))
-    return proposed if shared.size >= FEWEST_BLOCKS and is_refused(one, other) else declared
+    shared = declared.power.index.intersection(proposed.power.index)
+    residual_power, other = (facing.power[shared].to_numpy() for facing in (declared, proposed))
+    return proposed if shared.size >= FEWEST_BLOCKS and is_refused(residual_power, other) else declared
 
 
 def _turned(recording: Recording, turn: Array) -> Recording:
@@ -136,8 +136,8 @@ def _facing(recording: Recording, turn: Array, clock: ClockOffset | None) -> _Fa
     if balance is None:
         return None
     power = unexplained(balance)[:, :2].sum(axis=1)
-    left = pd.Series(power[int(np.argmin(power.sum(axis=1)))], index=np.unique(balance.block))
-    return _Facing(turn, recording.imu, tach, balance, left[balance.whole_blocks])
+    by_block = pd.Series(power[int(np.argmin(power.sum(axis=1)))], index=np.unique(balance.block))
+    return _Facing(turn, recording.imu, tach, balance, by_block[balance.whole_blocks])
 
 
 def _is_surely_scaled(slope: Slope) -> bool:

@@ -59,14 +59,14 @@ def estimate_gyro_columns(balance: ForceBalance) -> GyroColumns:
     """Return the permutation nearest to what is declared that the balance does not refuse."""
     power = unexplained(balance)
     least = power.sum(axis=2).min(axis=0)
-    left = np.einsum("qeb,e->qb", power, 1.0 / np.maximum(least, _NOTHING))
-    total = left.sum(axis=1)
-    best = left[int(np.argmin(total))]
+    whitened_power = np.einsum("qeb,e->qb", power, 1.0 / np.maximum(least, _NOTHING))
+    total = whitened_power.sum(axis=1)
+    best = whitened_power[int(np.argmin(total))]
     changes = np.count_nonzero(np.abs(SIGNED_PERMUTATIONS - np.eye(3)).max(axis=2), axis=1)
-    possible = [q for q, one in enumerate(left) if not is_refused(one, best)]
+    possible = [q for q, one in enumerate(whitened_power) if not is_refused(one, best)]
     P = SIGNED_PERMUTATIONS[min(possible, key=lambda q: (changes[q], total[q]))]
     names = [f"{'-+'[int(row.sum() > 0)]}{'xyz'[int(np.argmax(np.abs(row)))]}" for row in P]
-    return GyroColumns((names[0], names[1], names[2]), contradiction(left[0], best))
+    return GyroColumns((names[0], names[1], names[2]), contradiction(whitened_power[0], best))
 
 
 def unexplained(balance: ForceBalance) -> Array:

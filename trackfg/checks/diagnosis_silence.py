@@ -75,8 +75,8 @@ def without_silence(tach: pd.DataFrame, spans: Iterable[SilentSpan]) -> pd.DataF
     silent = np.zeros(t.size, dtype=np.bool_)
     for span in spans:
         silent |= (t > span.start_s) & (t <= span.end_s)
-    left = tach[~silent].reset_index(drop=True)
-    return left if len(left) >= _FEWEST_ROWS else None
+    rest = tach[~silent].reset_index(drop=True)
+    return rest if len(rest) >= _FEWEST_ROWS else None
 
 
 def is_moving(t: Array, rows: Array) -> bool:

@@ -70,8 +70,8 @@ def lateral_slope(balance: ForceBalance, P: Array) -> Slope | None:
 
 def turned_aside(balance: ForceBalance) -> tuple[Angle | None, Angle | None]:
     """Return by how much the sensor points below the direction of travel and to the left of it, pitch and yaw."""
-    left = balance.force - balance.predicted(np.eye(3))
-    up, across = (_share_of_acceleration(balance, left[equation], equation) for equation in (2, 1))
+    residual = balance.force - balance.predicted(np.eye(3))
+    up, across = (_share_of_acceleration(balance, residual[equation], equation) for equation in (2, 1))
     return up, None if across is None else Angle(-across.value_deg, across.sd_deg)
 
 

@@ -35,23 +35,23 @@ def findings(
     gnss_origin: Array | None = None,
 ) -> list[Finding]:
     """All of them. ``toml`` is the name of the description's file."""
-    found: list[Finding] = []
+    report: list[Finding] = []
     imu, imu_table, tach_table = parts.get("imu"), tables.get("imu"), tables.get("tach")
     if tach_table is not None:
         tach_table = of_this_run(imu_table, tach_table, limits)
     track = parts.get("track")
     if isinstance(track, Track):
-        found += _track(track, toml, gnss_origin)
-    found += _assumed({name: parts[name] for name in tables if name in parts}, toml)
+        report += _track(track, toml, gnss_origin)
+    report += _assumed({name: parts[name] for name in tables if name in parts}, toml)
     if isinstance(imu, Imu) and imu_table is not None:
         rate = interval_findings(imu, imu_table, limits)
-        found += rate
-        found += gravity_findings(imu, imu_table, toml, limits)
+        report += rate
+        report += gravity_findings(imu, imu_table, toml, limits)
         if not rate:
             motion = averaged(imu_table, tach_table, _STEP_S) or averaged(imu_table, None, _STEP_S)
-            found += [] if motion is None else gyro_findings(imu, motion, limits)
-            found += clock_findings(imu_table, parts, tables, limits)
-    return found
+            report += [] if motion is None else gyro_findings(imu, motion, limits)
+            report += clock_findings(imu_table, parts, tables, limits)
+    return report
 
 
 _CLOCK_ZEROS = tuple(datetime(*day, tzinfo=UTC) for day in ((1970, 1, 1), (1980, 1, 1), (1980, 1, 6), (2000, 1, 1)))
@@ -109,23 +109,23 @@ _SAME_GAUGE_M = 0.02
 
 def _track(track: Track, toml: str, gnss_origin: Array | None) -> list[Finding]:
     """Return what is wrong with the sizes of the track, or with its latitude beside that of the positions."""
-    found = []
+    report = []
     for key in ("gauge_m", "cross_level_base_m"):
-        found += unusual_size("error", "track-size", getattr(track, key), (0.3, 4.0), Section(toml, f"track.{key}"))
+        report += unusual_size("error", "track-size", getattr(track, key), (0.3, 4.0), Section(toml, f"track.{key}"))
     base, gauge, key = track.cross_level_base_m, track.gauge_m, "track.cross_level_base_m"
     if "cross_level_base_m" not in track.model_fields_set:
         if abs(gauge - Track().gauge_m) > _SAME_GAUGE_M:
             message = f"is not stated; {base:g} m is assumed, beside a gauge of {gauge:g} m"
-            found.append(Finding("info", "assumed", message, file=toml, column=key, hint=_BASE_HINT))
-    elif not found and base < gauge - _SAME_GAUGE_M:
+            report.append(Finding("info", "assumed", message, file=toml, column=key, hint=_BASE_HINT))
+    elif not report and base < gauge - _SAME_GAUGE_M:
         message, expected = f"is {base:g} m, beside a gauge of {gauge:g} m: cross-level is of less", "the gauge or more"
         warning = Finding("warning", "track-size", message, file=toml, column=key, expected=expected, hint=_BASE_HINT)
-        found.append(warning)
+        report.append(warning)
     latitude = track.latitude_deg
     if latitude is not None and gnss_origin is not None and abs(latitude - gnss_origin[0]) > _SAME_LATITUDE_DEG:
         message = f"is {latitude:g} deg, but the GNSS positions are at {gnss_origin[0]:.3f} deg"
         hint = f"write {gnss_origin[0]:.3f}"
         if abs(latitude - gnss_origin[1]) <= _SAME_LATITUDE_DEG:
             hint = "it is that of their longitudes: exchange latitude and longitude in gnss.position"
-        found.append(Finding("warning", "latitude", message, file=toml, column="track.latitude_deg", hint=hint))
-    return found
+        report.append(Finding("warning", "latitude", message, file=toml, column="track.latitude_deg", hint=hint))
+    return report

@@ -50,11 +50,11 @@ def tach_findings(tach: Tach, section: Section, table: pd.DataFrame, limits: Che
         if tach.kind == "pulses"
         else f"check {section.name}.kind and {section.name}.unit"
     )
-    found = speed_findings("tach-unit", speed, tach, hint, limits)
+    findings = speed_findings("tach-unit", speed, tach, hint, limits)
     if tach.wheel_diameter_m is not None:
         key = Section(section.file, f"{section.name}.wheel_diameter_m")
-        found += unusual_size("warning", "wheel-diameter", tach.wheel_diameter_m, (0.05, 2.0), key)
-    return found
+        findings += unusual_size("warning", "wheel-diameter", tach.wheel_diameter_m, (0.05, 2.0), key)
+    return findings
 
 
 def laser_findings(laser: Laser, section: Section, table: pd.DataFrame, limits: CheckLimits) -> list[Finding]:

@@ -79,8 +79,8 @@ def batch(options: BatchChoices) -> None:
     }
     runs = read_catalogue(options.places, {name: text for name, text in defaults.items() if text})
     store = Store(options.out, create=not options.dry_run)
-    known = KnownContent(store.known_content)
-    planned = plan(runs, store, known)
+    content = KnownContent(store.known_content)
+    planned = plan(runs, store, content)
     _name_lost_lines(planned)
     if options.dry_run:
         sys.stdout.writelines(_planned_line(each, options.json) for each in planned)
@@ -93,7 +93,7 @@ def batch(options: BatchChoices) -> None:
         scheduler=options.scheduler,
     )
     with _progress(wanted) as progress:
-        outcomes = run_batch(planned, store, known, limits, progress)
+        outcomes = run_batch(planned, store, content, limits, progress)
     failed = [outcome for outcome in outcomes if outcome.reason is not None]
     _name_copies(store, {outcome.name for outcome in outcomes if outcome.reason is None})
     if options.json:

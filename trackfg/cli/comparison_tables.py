@@ -33,8 +33,8 @@ def of_comparison(about: About) -> Iterator[RenderableType]:
     if about.left_out:
         table = titled("Left out", *columns("case", "estimator", "why", overflow="fold"))
         alike: dict[tuple[str, str], list[str]] = {}
-        for one in about.left_out:
-            alike.setdefault((one.case, one.reason), []).append(one.estimator)
+        for omission in about.left_out:
+            alike.setdefault((omission.case, omission.reason), []).append(omission.estimator)
         for (name, reason), names in alike.items():
             table.add_row(Text(name), Text(", ".join(names)), Text(reason))
         yield table
@@ -96,8 +96,8 @@ def _difference_table(about: About) -> RenderableType:
     """Return how far the estimators are from the smoother: over the run, and in the kilometre where it is most."""
     table = titled("Differences from the smoother", "quantity", "estimator", *numbers("rms", "largest", "at km"))
     groups: dict[tuple[str, str], list[Difference]] = {}
-    for one in about.differences:
-        groups.setdefault((one.quantity, one.estimator), []).append(one)
+    for difference in about.differences:
+        groups.setdefault((difference.quantity, difference.estimator), []).append(difference)
     for (quantity, name), ones in sorted(groups.items(), key=lambda item: list(QUANTITIES).index(item[0][0])):
         whole = math.sqrt(sum(one.rms**2 for one in ones) / len(ones))
         worst = max(ones, key=lambda one: one.rms)

@@ -233,10 +233,10 @@ def _ask(question: Question) -> str:
         def process_response(self, value: str) -> str:
             answer = value.strip()
             if question.choices:
-                begun = [choice for choice in question.choices if answer and choice.startswith(answer.casefold())]
-                if len(begun) != 1:
+                matches = [choice for choice in question.choices if answer and choice.startswith(answer.casefold())]
+                if len(matches) != 1:
                     raise InvalidResponse(f"[prompt.invalid]expected {' or '.join(question.choices)}")
-                return begun[0]
+                return matches[0]
             if not answer or not question.accepts(answer):
                 refused = escape(answer) or "An empty answer"
                 raise InvalidResponse(

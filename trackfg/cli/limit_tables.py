@@ -29,14 +29,14 @@ def of_judgement(judgement: Judgement) -> Iterator[RenderableType]:
 
     A place that exceeds several levels of a limit is shown once, under the severest.
     """
-    found = by_severity(judgement.found)
-    if found.empty:
+    exceedances = by_severity(judgement.found)
+    if exceedances.empty:
         yield Text("No exceedance of the limits that could be judged.")
     else:
-        yield _kilometres(by_kilometre(found))
-        yield _exceedances(found.sort_values("chainage_m", kind="stable"))
-        if said := unsure_text(found):
-            yield Text(said)
+        yield _kilometres(by_kilometre(exceedances))
+        yield _exceedances(exceedances.sort_values("chainage_m", kind="stable"))
+        if note := unsure_text(exceedances):
+            yield Text(note)
     for title, last, grouped in (
         ("Not judged", "why", judgement.not_judged_levels()),
         ("Not judged everywhere", "not known, m", judgement.unknown_levels()),
@@ -52,16 +52,18 @@ def _kilometres(kilometres: Sequence[KilometreExceedances]) -> RenderableType:
     counts, worst = columns("exceedances", "worst, as a share of its limit", overflow="fold")
     km, length = numbers("km", "length m")
     table = titled("By kilometre", km, counts, length, worst)
-    for one in kilometres:
-        table.add_row(one.km, Text(counts_text(one.counts)), f"{one.length_m:.2f}", Text(one.worst_text))
+    for kilometre in kilometres:
+        table.add_row(
+            kilometre.km, Text(counts_text(kilometre.counts)), f"{kilometre.length_m:.2f}", Text(kilometre.worst_text)
+        )
     return table
 
 
-def _exceedances(found: pd.DataFrame) -> RenderableType:
+def _exceedances(exceedances: pd.DataFrame) -> RenderableType:
     what, level = columns("what", "class", overflow="fold")
     places, values = numbers("km", "length m"), numbers("value mm", "limit mm")
-    table = titled(f"Exceedances: {len(found)}", *places, what, *values, level)
-    for row in found.to_dict("records"):
+    table = titled(f"Exceedances: {len(exceedances)}", *places, what, *values, level)
+    for row in exceedances.to_dict("records"):
         table.add_row(
             place_text(row),
             f"{row['length_m']:.2f}",

@@ -207,10 +207,10 @@ def _into_folder(
                 ) from error
             note(f"{out}: {_place(saved, stream, options)}")
             return stream.run(ParquetParts(out, state=saved.sink), checkpoints, watch)
-    left = list(out.glob(f"{UNFINISHED}{_CHECKPOINT}*"))
-    if left:
+    leftovers = list(out.glob(f"{UNFINISHED}{_CHECKPOINT}*"))
+    if leftovers:
         with sole_writer(out):
-            for path in left:  # of a stream that was killed before it began
+            for path in leftovers:  # of a stream that was killed before it began
                 path.unlink(missing_ok=True)
     if checkpoints.path.exists() and not checkpoints.read().finished:
         raise BadInputError(f"{out}: holds an unfinished stream: go on with it by --resume, or choose another folder")

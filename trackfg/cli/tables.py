@@ -37,8 +37,8 @@ _COLOUR = {"error": "bold red", "warning": "yellow", "info": "cyan"}
 def estimators(known: Mapping[str, Estimator]) -> RenderableType:
     """Name, title and source of each estimator."""
     table = titled("Estimators", *columns("name", no_wrap=True), "what it is", "source", "judged by")
-    for name, one in known.items():
-        table.add_row(Text(name), Text(one.title), Text(one.source), Text(", ".join(one.tasks)))
+    for name, estimator in known.items():
+        table.add_row(Text(name), Text(estimator.title), Text(estimator.source), Text(", ".join(estimator.tasks)))
     return table
 
 
@@ -199,13 +199,13 @@ def _converged(solver: Solver) -> str:
 
 def verdicts(result: Result) -> tuple[Table, Table]:
     """Return what can be trusted, the worst first, and why, and what to do."""
-    found = result.summary.verdicts
+    by_quantity = result.summary.verdicts
     verdict = titled("Verdict", *columns("", no_wrap=True), "", show_header=False)
-    for opinion in opinions(found):
+    for opinion in opinions(by_quantity):
         style = "" if opinion.verdict == "trusted" else _COLOUR["warning"]
         verdict.add_row(Text(opinion.verdict, style=style), Text(", ".join(opinion.quantities)))
     why = titled("Why", *columns("what is seen", "concerns", "what to do", overflow="fold"), show_lines=True)
-    for cause in causes(found, result.summary.findings):
+    for cause in causes(by_quantity, result.summary.findings):
         why.add_row(Text(cause.reason), Text(", ".join(cause.quantities)), Text(cause.hint))
     return verdict, why
 

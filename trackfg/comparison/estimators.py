@@ -85,7 +85,7 @@ MIYATA = "Miyata and Tsunashima, IMM-EKF"
 def estimators(*, peers: bool = True) -> dict[str, Estimator]:
     """Return the estimators of a recording, the smoother first; other packages (``peers``) where they are installed."""
     attitude = partial(_printable, _ATTITUDE)
-    known = {
+    catalogue = {
         SMOOTHER: Estimator("factor-graph smoother", "trackfg", _smoothed, get_args(Task), anchored=True),
         "dead-reckoning": Estimator(
             "gyro bias from rests, wheel, tilt", _GROVES, dead_reckoning.run, (*_ATTITUDE[:1], *_PLACE), anchored=True
@@ -109,10 +109,12 @@ def estimators(*, peers: bool = True) -> dict[str, Estimator]:
         ),
     }
     if peers and is_installed("vqf"):
-        known["vqf"] = Estimator("offline VQF, acceleration of the wheel taken out", "vqf", vqf_offline.run, _ATTITUDE)
+        catalogue["vqf"] = Estimator(
+            "offline VQF, acceleration of the wheel taken out", "vqf", vqf_offline.run, _ATTITUDE
+        )
     if peers and is_installed("python-ins"):
-        known["python-ins"] = Estimator("feedback EKF", "python-ins", python_ins.run, (*_ATTITUDE, *_PLACE))
-    return known
+        catalogue["python-ins"] = Estimator("feedback EKF", "python-ins", python_ins.run, (*_ATTITUDE, *_PLACE))
+    return catalogue
 
 
 _WITHIN = 0.5
@@ -127,11 +129,13 @@ def with_own(known: Mapping[str, Estimator], own: Mapping[str, Estimator]) -> di
     """
     if taken := sorted(known.keys() & own.keys()):
         raise BadInputError(f"estimator {taken[0]!r}: the name is taken; expected another name for one of your own")
-    for name, one in own.items():
-        if not isinstance(one, Estimator):
-            raise TypeError(f"estimator {name!r}: expected a trackfg.comparison.Estimator, not {type(one).__name__}")
+    for name, addition in own.items():
+        if not isinstance(addition, Estimator):
+            raise TypeError(
+                f"estimator {name!r}: expected a trackfg.comparison.Estimator, not {type(addition).__name__}"
+            )
         known_tasks: tuple[str, ...] = get_args(Task)
-        if wrong := [one.tasks] if isinstance(one.tasks, str) else sorted({*one.tasks} - {*known_tasks}):
+        if wrong := [addition.tasks] if isinstance(addition.tasks, str) else sorted({*addition.tasks} - {*known_tasks}):
             expected = f"expected a tuple of {', '.join(map(repr, known_tasks))}"
             raise BadInputError(f"estimator {name!r}: tasks {wrong[0]!r}; {expected}")
     return {**known, **{name: replace(one, run=partial(_own_result, name, one.run)) for name, one in own.items()}}
@@ -175,12 +179,12 @@ def estimator(name: str, *, as_printed: bool = False) -> Run:
     """Return the estimator of this name. Raises :class:`BadInputError` for a name that is not there, and where nothing
     printed differs from it.
     """
-    known = estimators()
-    if name not in known:
-        raise BadInputError(f"no estimator {name!r}; {expected_one_of(known, name)}")
+    catalogue = estimators()
+    if name not in catalogue:
+        raise BadInputError(f"no estimator {name!r}; {expected_one_of(catalogue, name)}")
     if not as_printed:
-        return known[name].run
-    printed = known[name].printed
+        return catalogue[name].run
+    printed = catalogue[name].printed
     if printed is None:
         raise BadInputError(f"{name}: its paper prints nothing that differs from what is built")
     return printed

@@ -49,8 +49,8 @@ def run_friction_case(case: Case, *, show: Progress) -> CaseRun:
     """Run every friction estimator on a drive and score it."""
     simulate, summary = FRICTION_DRIVES[case.name]
     drive = simulate(case.seed)
-    known = {name: one.run for name, one in friction_estimators().items()}
-    estimates, seconds, left_out = run_all(known, drive.measured, show)
+    runs = {name: one.run for name, one in friction_estimators().items()}
+    estimates, seconds, left_out = run_all(runs, drive.measured, show)
     true, t = drive.truth, drive.truth["t_s"].to_numpy()
     distance = 1e-3 * drive.distance_m
     scores, positions = [], []

@@ -51,18 +51,18 @@ def run_railway_case(case: Case, *, peers: bool, keep: bool, show: Progress, own
     Raises :class:`~trackfg.errors.TrackfgError` where the recording cannot be read.
     """
     recording, summary, truth = _measured(case, show)
-    known = with_own(estimators(peers=peers), own)
-    estimates, seconds, left_out = run_all({name: one.run for name, one in known.items()}, recording, show)
+    catalogue = with_own(estimators(peers=peers), own)
+    estimates, seconds, left_out = run_all({name: one.run for name, one in catalogue.items()}, recording, show)
     clock = recording.imu["t_s"].to_numpy()
     duration = float(clock[-1] - clock[0])
     if truth is None:
         km = largest_distance_km(one.trajectory for one in estimates.values())
         run = CaseRun(case, summary, duration, km, "repeatability", seconds, left_out)
         if case.kind == "alone" and SMOOTHER in estimates:
-            return _held_against_the_smoother(run, recording, known, estimates)
+            return _held_against_the_smoother(run, recording, catalogue, estimates)
         curves = joined(one.geometry.assign(estimator=name) for name, one in estimates.items())
         return replace(run, geometry=with_first_column("case", case.name, curves))
-    scored = [_scored(name, known[name], one, recording, truth) for name, one in estimates.items()]
+    scored = [_scored(name, catalogue[name], one, recording, truth) for name, one in estimates.items()]
     scores = score_table(case, joined(one.scores for one in scored), seconds, truth.distance_km)
     geometry, positions = pd.DataFrame(), pd.DataFrame()
     if keep:
@@ -73,7 +73,7 @@ def run_railway_case(case: Case, *, peers: bool, keep: bool, show: Progress, own
 
 
 def _held_against_the_smoother(
-    run: CaseRun, recording: Recording, known: Mapping[str, Estimator], estimates: Mapping[str, BaselineResult]
+    run: CaseRun, recording: Recording, catalogue: Mapping[str, Estimator], estimates: Mapping[str, BaselineResult]
 ) -> CaseRun:
     """Return the run with the curves of all estimators and their differences from the smoother, and no score."""
     smoother = estimates[SMOOTHER]
@@ -81,7 +81,9 @@ def _held_against_the_smoother(
     held = smoother.geometry[columns].dropna()
     truth = _Truth(smoother.trajectory, held if len(held) else None)
     others = {
-        name: _scored(name, known[name], one, recording, truth) for name, one in estimates.items() if name != SMOOTHER
+        name: _scored(name, catalogue[name], one, recording, truth)
+        for name, one in estimates.items()
+        if name != SMOOTHER
     }
     curves = [smoother.geometry.assign(estimator=SMOOTHER), *(one.geometry for one in others.values())]
     case = run.case.name
@@ -95,7 +97,7 @@ def _held_against_the_smoother(
             difference
             for name, one in others.items()
             for difference in differences(
-                known[name].tasks,
+                catalogue[name].tasks,
                 with_first_column("case", case, one.geometry),
                 with_first_column("case", case, one.positions),
                 smoother.trajectory,

@@ -194,13 +194,13 @@ def compare(
         reasons = "".join(f"; {name}: {reason}" for run in runs for name, reason in run.left_out.items())
         raise BadInputError(f"nothing to compare with: no estimator could be scored{reasons}")
     scores = scores.reindex(columns=list(SCORE_COLUMNS))
-    known: dict[str, Estimator | FrictionEstimator] = {**friction_estimators(), **estimators(), **own}
+    catalogue: dict[str, Estimator | FrictionEstimator] = {**friction_estimators(), **estimators(), **own}
     compared = tuple(difference for run in runs for difference in run.differences)
     present = {*scores["estimator"], *(difference.estimator for difference in compared)}
     about = About(
         seconds=time.perf_counter() - start,
         cases=_lines(runs),
-        estimators={name: f"{each.title} ({each.source})" for name, each in known.items() if name in present},
+        estimators={name: f"{each.title} ({each.source})" for name, each in catalogue.items() if name in present},
         left_out=_left_out(runs),
         rows=rows_of(scores),
         differences=compared,

@@ -289,13 +289,13 @@ def rows_of(scores: pd.DataFrame) -> tuple[Row, ...]:
 def _ranked(case: str, quantity: str, meaning: Quantity, scores: pd.DataFrame) -> list[Row]:
     repeated = scores["rms"].isna().all()  # two runs compared have a standard deviation and nothing else
     statistic = "sd" if repeated else meaning.statistic
-    own = {name: runs.set_index("seed") for name, runs in scores.groupby("estimator", sort=False)}
+    by_estimator = {name: runs.set_index("seed") for name, runs in scores.groupby("estimator", sort=False)}
     rows = []
-    for name, runs in own.items():
+    for name, runs in by_estimator.items():
         error = runs[statistic]
         ratio, interval = None, None
-        if name != REFERENCE and REFERENCE in own:
-            ratio, interval = _ratio(error, own[REFERENCE][statistic])
+        if name != REFERENCE and REFERENCE in by_estimator:
+            ratio, interval = _ratio(error, by_estimator[REFERENCE][statistic])
         rows.append(
             Row(
                 case=case,

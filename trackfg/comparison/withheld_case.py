@@ -30,13 +30,13 @@ def run_withheld_case(case: Case, *, peers: bool, show: Progress, own: Mapping[s
     recording = read_recording(case.folder)
     divided = division(recording, case.withheld, case.seed)
     every = with_own(estimators(peers=peers), own)
-    known = {name: one for name, one in every.items() if "distance and position" in one.tasks}
-    estimates, seconds, left_out = run_all({name: one.run for name, one in known.items()}, divided.kept, show)
+    catalogue = {name: one for name, one in every.items() if "distance and position" in one.tasks}
+    estimates, seconds, left_out = run_all({name: one.run for name, one in catalogue.items()}, divided.kept, show)
     scores = joined(
         with_first_column(
             "estimator",
             name,
-            score_run(predicted(divided, recording, estimate, anchored=known[name].anchored), band_kmh=None),
+            score_run(predicted(divided, recording, estimate, anchored=catalogue[name].anchored), band_kmh=None),
         )
         for name, estimate in estimates.items()
     )

@@ -110,15 +110,15 @@ def _position_errors(
     """Return errors to the east and to the north under each other; of estimators that know where east is."""
     assert recording.gnss is not None
     assert recording.description.gnss is not None
-    seen = recording.gnss[divided.rows] if anchored else recording.gnss[:0]
-    at = partial(values_at, trajectory, t=seen["t_s"].to_numpy())
+    fixes = recording.gnss[divided.rows] if anchored else recording.gnss[:0]
+    at = partial(values_at, trajectory, t=fixes["t_s"].to_numpy())
     R = matrix_from_rpy(*(at(f"{name}_rad") for name in ("roll", "pitch", "yaw")))
     arm = np.nan_to_num(R) @ np.array(recording.description.gnss.lever_arm_m)
     parts = [
         pd.DataFrame(
             {
-                "withheld_position_m": at(f"{axis}_m") + arm[:, i] - seen[f"{axis}_m"].to_numpy(),
-                "withheld_position_m_sd": np.hypot(at(f"{axis}_m_sd"), seen[f"{axis}_sd_m"].to_numpy()),
+                "withheld_position_m": at(f"{axis}_m") + arm[:, i] - fixes[f"{axis}_m"].to_numpy(),
+                "withheld_position_m_sd": np.hypot(at(f"{axis}_m_sd"), fixes[f"{axis}_sd_m"].to_numpy()),
             }
         )
         for i, axis in enumerate(("east", "north"))

@@ -155,14 +155,14 @@ def _curves(group: Group, weights: Array) -> list[Curve]:
     return curves
 
 
-def _profile_variance(stretch: Stretch, known: Array, points: Array) -> float:
+def _profile_variance(stretch: Stretch, variance: Array, points: Array) -> float:
     """Return by how much the profile's own variance of curvature, or cross-level, is greater in the curve.
 
     The difference is its scale, which all of a run's curves share. What the profile does not know on the straight
     either is short, and among the residuals, or an offset, which a curve has not.
     """
     middle = float(np.nanmean(points[1:3]))
-    return float(np.interp(middle, stretch.edges[1:-1], known)) - float(known.min())
+    return float(np.interp(middle, stretch.edges[1:-1], variance)) - float(variance.min())
 
 
 def _law(chain: CurveChain, transition: int) -> CurveLaw:

@@ -94,9 +94,9 @@ class IncrementNoise:
     def _spectrum(self, grid: int) -> Array:
         """Return the spectrum at grid + 1 frequencies from 0 to pi; its mean is the variance."""
         cosine, tangent = _frequencies(grid)
-        passed = 1.0 / (1.0 + (np.tan(0.5 * self.cutoff) / tangent) ** (2 * _ORDER))
+        gain = 1.0 / (1.0 + (np.tan(0.5 * self.cutoff) / tangent) ** (2 * _ORDER))
         moving = 1.0 + 2.0 * self.theta * cosine + self.theta**2
-        return np.asarray(self.level * moving * passed * 2.0 * (1.0 - cosine) + self.walk)
+        return np.asarray(self.level * moving * gain * 2.0 * (1.0 - cosine) + self.walk)
 
 
 @cache
@@ -112,13 +112,13 @@ def fitted_noise(stretches: Sequence[tuple[Array, Array]], floor: float) -> Incr
     Each stretch has residuals (n,), NaN where nothing was measured, and known variances (n,). The square root of
     ``level`` is at least ``floor``.
     """
-    pieces = [piece for residuals, known in stretches for piece in _pieces(residuals, known)]
+    pieces = [piece for residuals, variance in stretches for piece in _pieces(residuals, variance)]
     measured, window, noise_known = np.zeros(_PERIODOGRAM + 1), np.zeros(_PERIODOGRAM), 0.0
-    for residuals, known in pieces:
+    for residuals, variance in pieces:
         taper = np.sin(np.pi * (np.arange(len(residuals)) + 0.5) / len(residuals)) ** 2
         measured += np.abs(fft.rfft(taper * residuals, 2 * _PERIODOGRAM)) ** 2
         window += fft.irfft(np.abs(fft.rfft(taper, 2 * _PERIODOGRAM)) ** 2)[:_PERIODOGRAM]
-        noise_known += float(taper**2 @ known)
+        noise_known += float(taper**2 @ variance)
     cells = sum(int(np.isfinite(residuals).sum()) for residuals, _ in stretches) if pieces else 0
     start = max(0.5 * float(np.mean(measured)) / max(float(window[0]), 1e-300), floor**2)
 
@@ -144,7 +144,7 @@ def fitted_noise(stretches: Sequence[tuple[Array, Array]], floor: float) -> Incr
     return noise(best.x)
 
 
-def _pieces(residuals: Array, known: Array) -> list[tuple[Array, Array]]:
+def _pieces(residuals: Array, variance: Array) -> list[tuple[Array, Array]]:
     """Return what was measured in one piece, cut into overlapping halves where it is long."""
     pieces = []
     for first, stop in true_runs(np.isfinite(residuals)):
@@ -153,5 +153,5 @@ def _pieces(residuals: Array, known: Array) -> list[tuple[Array, Array]]:
             continue
         count = 1 if stop - first == length else 1 + int(np.ceil(2.0 * (stop - first - length) / length))
         starts = np.linspace(first, stop - length, count).astype(int)
-        pieces += [(residuals[start : start + length], known[start : start + length]) for start in starts]
+        pieces += [(residuals[start : start + length], variance[start : start + length]) for start in starts]
     return pieces

@@ -50,11 +50,11 @@ class CellIncrements:
 
     def with_part(self, rows: slice, part: CellIncrements) -> CellIncrements:
         """Return the increments with the disturbances of a part of them, too."""
-        known, between = self.known.copy(), self.between.copy()
+        step_variance, between = self.known.copy(), self.between.copy()
         cells = slice(rows.start, rows.stop + 1)
-        known[rows] = np.maximum(known[rows], part.known)
+        step_variance[rows] = np.maximum(step_variance[rows], part.known)
         between[cells] = np.maximum(between[cells], part.between)
-        return replace(self, known=known, between=between)
+        return replace(self, known=step_variance, between=between)
 
     @property
     def freedom(self) -> int:
@@ -81,8 +81,8 @@ class Observed:
         """The matrix (n, n) that whitens the increments."""
         # What says nothing must not drown the rest in rounding.
         most = _SILENT * self.noise.level
-        known, between = (np.minimum(v, most) for v in (self.increments.known, self.increments.between))
-        return self.noise.whitener(known, between)
+        step_variance, between = (np.minimum(v, most) for v in (self.increments.known, self.increments.between))
+        return self.noise.whitener(step_variance, between)
 
     def most_disturbed(self, residuals: Array, slopes: Array) -> tuple[float, Observed]:
         """Return the greatest gain of a disturbance, and the increments with it allowed.
@@ -100,21 +100,23 @@ class Observed:
             q = np.linalg.qr(slopes)[0]
             residuals = residuals - q @ (q.T @ residuals)
             explained = q.T @ tried
-            left = size - np.einsum("ij,ij->j", explained, explained)
+            remainder = size - np.einsum("ij,ij->j", explained, explained)
         else:
-            left = size
+            remainder = size
         informative = np.isfinite(np.concatenate([self.increments.known, self.increments.between]))
         # Not what says nothing yet, nor what the curves explain as well, nor less than a defect.
-        along, left = residuals @ tried, np.maximum(left, 1e-300)
-        free = informative & (left > _OTHERWISE * size) & (np.abs(along) > self.increments.least * left)
-        gains = np.where(free, along**2 / left, 0.0)
+        along, remainder = residuals @ tried, np.maximum(remainder, 1e-300)
+        free = informative & (remainder > _OTHERWISE * size) & (np.abs(along) > self.increments.least * remainder)
+        gains = np.where(free, along**2 / remainder, 0.0)
         k = int(np.argmax(gains))
-        known, between = self.increments.known.copy(), self.increments.between.copy()
+        step_variance, between = self.increments.known.copy(), self.increments.between.copy()
         if k < n:
-            known[k] = np.inf
+            step_variance[k] = np.inf
         else:
             between[k - n] = np.inf
-        allowed = replace(self.increments, known=known, between=between, disturbances=self.increments.disturbances + 1)
+        allowed = replace(
+            self.increments, known=step_variance, between=between, disturbances=self.increments.disturbances + 1
+        )
         return float(gains[k]), replace(self, increments=allowed)
 
     def undisturbed(self, residuals: Array, slopes: Array) -> Observed:

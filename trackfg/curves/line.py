@@ -71,8 +71,8 @@ class CurvedLine:
             edges = self.cells.edges[rows.start : rows.stop + 2]
             steps = slice(rows.start, rows.stop - 1)
             out[steps] -= tilts(chain, edges[:-1] + 0.5 * self.cells.base_m)[0]
-            left = np.where(telling[steps] & ~beside[steps], out[steps], 0.0)
-            if not np.any(chain.cant) or np.abs(left).max(initial=0.0) > _UNEXPLAINED * usual:
+            residual = np.where(telling[steps] & ~beside[steps], out[steps], 0.0)
+            if not np.any(chain.cant) or np.abs(residual).max(initial=0.0) > _UNEXPLAINED * usual:
                 out[steps] = np.where(beside[steps], out[steps], np.nan)
         return out
 

@@ -83,13 +83,13 @@ def score_runs(runs: pd.DataFrame) -> pd.DataFrame:
     """
     rows = []
     for name, scores in runs[runs["from_kmh"].isna()].groupby("quantity", sort=False):
-        known = scores[scores["places"] > 0]
-        row = {"quantity": name, "runs": len(known)}
+        located = scores[scores["places"] > 0]
+        row = {"quantity": name, "runs": len(located)}
         for statistic in ("rms", "sd", "mean_abs", "mean_sd", "coverage"):
-            row[statistic] = known[statistic].mean()
+            row[statistic] = located[statistic].mean()
             if statistic != "mean_sd":
-                row[f"{statistic}_margin"] = margin(known[statistic].to_numpy())
-        rows.append({**row, "max": known["max"].max(), "ratio": _mean_square_root(known["ratio"])})
+                row[f"{statistic}_margin"] = margin(located[statistic].to_numpy())
+        rows.append({**row, "max": located["max"].max(), "ratio": _mean_square_root(located["ratio"])})
     return pd.DataFrame(rows)
 
 

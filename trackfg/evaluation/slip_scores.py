@@ -71,13 +71,13 @@ def score_slips(
     lasting = slips["end_s"] - slips["start_s"] >= duration_s
     asked = (lasting & (slips["peak_creep"].astype(float).abs() >= creep)).to_numpy(dtype=bool)
     seen = match.any(axis=1)
-    found, pieces = slips[asked & seen], match[asked & seen]
+    hits, pieces = slips[asked & seen], match[asked & seen]
     nothing = np.flatnonzero(~match.any(axis=0))
     start, end = (reported[name].to_numpy(dtype=float) for name in ("start_s", "end_s"))
-    begun = np.where(pieces, start, np.inf).min(axis=1, initial=np.inf)
+    first_start = np.where(pieces, start, np.inf).min(axis=1, initial=np.inf)
     over = np.where(pieces, end, -np.inf).max(axis=1, initial=-np.inf)
     return SlipScore(
-        found=found.assign(start_error_s=begun - found["start_s"], end_error_s=over - found["end_s"]),
+        found=hits.assign(start_error_s=first_start - hits["start_s"], end_error_s=over - hits["end_s"]),
         missed=slips[asked & ~seen],
         false=reported.iloc[nothing],
         distances=_distances(slips, reported, match),

@@ -31,8 +31,8 @@ def read_csv_texts(path: str | os.PathLike[str], most_bytes: int) -> pd.DataFram
         table = _texts(content, index_col=False)
     unnamed = [name for name in table if re.fullmatch(r"Unnamed: \d+", str(name)) and (table[name] == "").all()]
     table = table.drop(columns=unnamed)
-    if table.shape[1] == 1 and (found := re.search(r"[;\t]", str(table.columns[0]))):
-        mark = "semicolons" if found.group() == ";" else "tabs"
+    if table.shape[1] == 1 and (separator := re.search(r"[;\t]", str(table.columns[0]))):
+        mark = "semicolons" if separator.group() == ";" else "tabs"
         raise ValueError(f"its columns are parted by {mark}; expected commas")
     return table
 

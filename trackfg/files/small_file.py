@@ -113,8 +113,8 @@ def _fault(detail: ErrorDetails, model: type[BaseModel]) -> str:
     elif detail["type"] == "missing":
         message = "is missing"
     elif detail["type"] == "extra_forbidden":
-        known = keys_at(model, place[:-1])
-        message = f"unknown key; {expected_one_of(known, place[-1])}"
+        keys = keys_at(model, place[:-1])
+        message = f"unknown key; {expected_one_of(keys, place[-1])}"
     return f"{'.'.join(place)}: {message}" if place else message
 
 

@@ -107,14 +107,14 @@ def _in_groups(futures: Mapping[Future[Outcome], str]) -> Iterator[list[Outcome]
     done: SimpleQueue[Future[Outcome]] = SimpleQueue()
     for future in futures:
         future.add_done_callback(done.put)
-    left = len(futures)
-    while left:
+    remaining = len(futures)
+    while remaining:
         finished = []
         with suppress(Empty):
             finished.append(done.get(timeout=ALIVE_S))
         while not done.empty():
             finished.append(done.get())
-        left -= len(finished)
+        remaining -= len(finished)
         yield sorted((_outcome(future, futures[future]) for future in finished), key=lambda outcome: outcome.name)
 
 

@@ -67,8 +67,8 @@ def algorithm() -> str:
 def changes(before: Inputs, now: Inputs) -> Iterator[str]:
     """Yield in words what is not as it was, but for the settings (:func:`changed_settings`)."""
     if before.files_sha256 != now.files_sha256:
-        known = before.files_sha256 and now.files_sha256
-        yield "the recording changed" if known else "the content of the recording is not known"
+        has_digests = before.files_sha256 and now.files_sha256
+        yield "the recording changed" if has_digests else "the content of the recording is not known"
     if before.map != now.map:
         yield f"the map is {now.map or 'none'}, not {before.map or 'none'}"
     if before.known_line != now.known_line:
@@ -80,10 +80,10 @@ def changes(before: Inputs, now: Inputs) -> Iterator[str]:
 
 def changed_settings(page: Mapping[str, Any], settings: SmoothConfig) -> str:
     """Return in words what is another setting than in a summary."""
-    before, now = page.get("settings"), settings.model_dump(mode="json")
-    if before is None:
+    previous, now = page.get("settings"), settings.model_dump(mode="json")
+    if previous is None:
         return "the summary has no settings"
-    old, new = (dict(leaves(values)) for values in (before, now))
+    old, new = (dict(leaves(values)) for values in (previous, now))
     names = [name for name in {**new, **old} if old.get(name) != new.get(name)]
     shown = ", ".join(f"{name} is {new.get(name)}, not {old.get(name)}" for name in names[:_SHOWN_SETTINGS])
     more = len(names) - _SHOWN_SETTINGS

@@ -89,9 +89,9 @@ def run_isolated(job: Job, stop: threading.Event | None = None) -> Outcome:
     """
     stop, started = stop or threading.Event(), time.monotonic()
     try:
-        seen = sight(job.run.recording, *content_of(job.run.recording))
+        state = sight(job.run.recording, *content_of(job.run.recording))
         with local_recording(job.run.recording) as recording:
-            outcome = replace(_attempts(job, recording, stop), recording=seen)
+            outcome = replace(_attempts(job, recording, stop), recording=state)
     except PlaceError as error:
         outcome = Outcome(job.run.name, str(error))
     return replace(outcome, seconds=time.monotonic() - started)
@@ -202,6 +202,6 @@ def _signal_name(number: int) -> str:
 def _message(log: str) -> str | None:
     """Return the command's message about its failure, else the last line of its log."""
     lines = [line for line in log.splitlines() if line.strip()]
-    said = [line.removeprefix("trackfg: ") for line in lines if line.startswith("trackfg: ")]
-    errors = [line for line in said if not line.startswith(("warning: ", "note: "))]
+    messages = [line.removeprefix("trackfg: ") for line in lines if line.startswith("trackfg: ")]
+    errors = [line for line in messages if not line.startswith(("warning: ", "note: "))]
     return next(iter((errors or lines)[-1:]), None)

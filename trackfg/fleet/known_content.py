@@ -52,12 +52,12 @@ def _signature(folder: str, names: Sequence[str]) -> str | None:
     now, parts = time.time(), []
     for name in names:
         try:
-            seen = os.stat(os.path.join(folder, name))
+            status = os.stat(os.path.join(folder, name))
         except (OSError, ValueError):
             return None
-        if max(seen.st_mtime, seen.st_ctime) > now - _TICK_S:
+        if max(status.st_mtime, status.st_ctime) > now - _TICK_S:
             return None
-        parts.append(f"{seen.st_size} {seen.st_mtime_ns} {seen.st_ctime_ns} {seen.st_ino}")
+        parts.append(f"{status.st_size} {status.st_mtime_ns} {status.st_ctime_ns} {status.st_ino}")
     return ";".join(parts)
 
 

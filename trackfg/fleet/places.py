@@ -134,7 +134,7 @@ def matching(folder: str, pattern: str) -> list[str]:
         return sorted(glob(pattern, root_dir=folder))
     with _opened(folder) as (files, path):
         files.invalidate_cache(path)
-        return sorted(found[len(path.rstrip("/")) + 1 :] for found in files.glob(joined(path, pattern)))
+        return sorted(entry[len(path.rstrip("/")) + 1 :] for entry in files.glob(joined(path, pattern)))
 
 
 def signature(folder: str, names: Sequence[str]) -> str | None:
@@ -220,10 +220,10 @@ def _unpacked(place: str, scratch: Path, folder: Path) -> Path:
             content.extractall(folder)
     except _ARCHIVE_FAULTS as error:
         raise PlaceError(f"{place}: not a readable archive: {first_line(error)}") from error
-    found = sorted(folder.rglob(FILE_NAME))
-    if len(found) != 1:
-        raise PlaceError(f"{place}: holds {len(found)} files {FILE_NAME}; expected one recording")
-    return found[0].parent
+    descriptions = sorted(folder.rglob(FILE_NAME))
+    if len(descriptions) != 1:
+        raise PlaceError(f"{place}: holds {len(descriptions)} files {FILE_NAME}; expected one recording")
+    return descriptions[0].parent
 
 
 def _fetched(place: str, folder: Path) -> Path:

@@ -63,13 +63,13 @@ def plan(runs: Sequence[Run], store: Store, known: KnownContent) -> list[Planned
     software = algorithm()
     listed = {row["run"]: row for row in store.read(_COLUMNS)}
     with_result = store.names()
-    there = [run for run in runs if run.name in with_result]
-    before = {run.name: _inputs(store.result(run.name), known) for run in there}
-    contents = _contents([run.recording for run in there if before[run.name] is not None], known)
+    runs_with_result = [run for run in runs if run.name in with_result]
+    old_inputs = {run.name: _inputs(store.result(run.name), known) for run in runs_with_result}
+    contents = _contents([run.recording for run in runs_with_result if old_inputs[run.name] is not None], known)
     known.save()
     planned = []
     for run in runs:
-        row, inputs = listed.get(run.name), before.get(run.name)
+        row, inputs = listed.get(run.name), old_inputs.get(run.name)
         lost_line = row["line"] if row is not None and row["line"] != run.line == UNKNOWN_LINE else ""
         if inputs is None:
             planned.append(PlannedRun(run, settings[run.settings], _no_result(row), lost_line=lost_line))
@@ -112,11 +112,11 @@ def _page(result: str) -> dict[str, Any] | None:
     return page if isinstance(page, dict) else None
 
 
-def _inputs(result: str, known: KnownContent) -> Inputs | None:
+def _inputs(result: str, cache: KnownContent) -> Inputs | None:
     """Return what a result was computed from; None where a file is missing or its summary cannot be read."""
-    if (text := known.recall(result)) is not None:
+    if (text := cache.recall(result)) is not None:
         return Inputs(*json.loads(text))
-    seen = sight(result, result, RESULT_FOLDER.files)
+    state = sight(result, result, RESULT_FOLDER.files)
     if not all(is_file(joined(result, name)) for name in RESULT_FOLDER.files):
         return None
     try:
@@ -125,27 +125,27 @@ def _inputs(result: str, known: KnownContent) -> Inputs | None:
     except (AttributeError, KeyError, TypeError):
         return None
     if inputs is not None:
-        known.remember(seen, json.dumps(inputs))
+        cache.remember(state, json.dumps(inputs))
     return inputs
 
 
-def _contents(recordings: Sequence[str], known: KnownContent) -> dict[str, str]:
+def _contents(recordings: Sequence[str], cache: KnownContent) -> dict[str, str]:
     """Return the digest of each recording's files, several at a time; an empty text where they cannot be read."""
-    contents = {place: known.recall(place) or "" for place in recordings}
+    contents = {place: cache.recall(place) or "" for place in recordings}
     unknown = [place for place, digest in contents.items() if not digest]
     with ThreadPoolExecutor(os.cpu_count()) as pool:
-        for seen, digest in filter(None, pool.map(_content, unknown)):
-            known.remember(seen, digest)
-            contents[seen.place] = digest
+        for state, digest in filter(None, pool.map(_content, unknown)):
+            cache.remember(state, digest)
+            contents[state.place] = digest
     return contents
 
 
 def _content(recording: str) -> tuple[Sight, str] | None:
     """Return what a recording's files look like and their digest; None where they cannot be read."""
     try:
-        seen = sight(recording, *content_of(recording))
+        state = sight(recording, *content_of(recording))
         with local_recording(recording) as folder:
             digest = files_sha256(*content_files(folder))
     except PlaceError:
         return None
-    return None if digest is None else (seen, digest)
+    return None if digest is None else (state, digest)

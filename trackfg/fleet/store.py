@@ -81,8 +81,8 @@ class Store:
 
     def names(self) -> set[str]:
         """Return the runs that have a result."""
-        found = matching(joined(self.place, RESULTS), f"*/{RESULT_FOLDER.head}")
-        return {path.partition("/")[0] for path in found}
+        paths = matching(joined(self.place, RESULTS), f"*/{RESULT_FOLDER.head}")
+        return {path.partition("/")[0] for path in paths}
 
     def read(self, columns: Sequence[str]) -> list[dict[str, Any]]:
         """Return columns of the catalogue, ``line`` and ``month`` with them, as a list of rows."""
@@ -101,17 +101,17 @@ class Store:
     def write(self, rows: Iterable[dict[str, Any]]) -> None:
         """Put rows into the catalogue, each in place of those of the same run that were read before."""
         added: dict[Partition, list[dict[str, Any]]] = defaultdict(list)
-        gone: dict[Partition, set[str]] = defaultdict(set)
+        removals: dict[Partition, set[str]] = defaultdict(set)
         for row in rows:
             place = row["line"], row["month"]
             added[place].append(row)
             for other in self._places[row["run"]] | {place}:
-                gone[other].add(row["run"])
+                removals[other].add(row["run"])
             self._places[row["run"]] = {place}
-        if not gone:
+        if not removals:
             return
         with self._sole_writer():
-            for place, runs in gone.items():
+            for place, runs in removals.items():
                 _replace_rows(self._file(place), runs, added.get(place, []))
 
     def _sole_writer(self) -> AbstractContextManager[None]:
@@ -157,11 +157,11 @@ def _of_schema(table: pa.Table) -> pa.Table:
     return pa.Table.from_arrays(columns, schema=SCHEMA)
 
 
-def _replace_rows(path: str, gone: set[str], added: list[dict[str, Any]]) -> None:
+def _replace_rows(path: str, removals: set[str], added: list[dict[str, Any]]) -> None:
     table = pa.Table.from_pylist(added, SCHEMA)
     if exists(path):
-        before = _table(path)
-        table = pa.concat_tables([before.filter(pc.invert(pc.is_in(before["run"], pa.array(sorted(gone))))), table])
+        old = _table(path)
+        table = pa.concat_tables([old.filter(pc.invert(pc.is_in(old["run"], pa.array(sorted(removals))))), table])
     if len(table) == 0:
         remove(path)
         return

@@ -105,11 +105,11 @@ def run_on_worker(job: Job, tally: str) -> Outcome:
     ``tally`` is a file with a letter for each time that the run was begun; it is removed when the run ends. The
     scheduler's own count would include the times that the run only waited on a lost worker.
     """
-    begun = read(tally) if exists(tally) else b""
-    if len(begun) >= ATTEMPTS:
+    marks = read(tally) if exists(tally) else b""
+    if len(marks) >= ATTEMPTS:
         outcome = Outcome(job.run.name, f"its worker was lost {ATTEMPTS} times")
     else:
-        write(tally, begun + b".")
+        write(tally, marks + b".")
         outcome = run_isolated(job)
     remove(tally)
     return outcome

@@ -65,9 +65,9 @@ def run(
     independent = G @ (Q - J @ D @ Q) @ G.T
 
     def step(k: int, x: Array, P: Array) -> ModeSteps:
-        before = tyre_forces(car, x, delta[k - 1], mu)
-        F = A + B @ before.by_state
-        predicted = x @ A.T + before.F @ B.T + G @ J @ y[k - 1]
+        prior = tyre_forces(car, x, delta[k - 1], mu)
+        F = A + B @ prior.by_state
+        predicted = x @ A.T + prior.F @ B.T + G @ J @ y[k - 1]
         spread = F @ P @ F.swapaxes(1, 2) + independent
         now = tyre_forces(car, predicted, delta[k], mu)
         return measured(predicted, spread, y[k] - now.F @ D.T, D @ now.by_state, R)

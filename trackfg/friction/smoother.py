@@ -145,19 +145,19 @@ class _Problem:
         start, steps, last, forces = self.residuals(z)
         A, G, D = self.car.A(self.dt), self.car.G(self.dt), self.car.D
         by_z = np.concatenate([forces.by_state, forces.by_friction[..., None]], axis=2)
-        here, there = np.zeros((2, n - 1, 5, 3))
+        jacobian, next_jacobian = np.zeros((2, n - 1, 5, 3))
         plant = G @ by_z[:-1]
         plant[:, :, :2] += A
-        here[:, :4] = -self.whiten_step @ np.concatenate([plant, D @ by_z[:-1]], axis=1)
-        there[:, :4, :2] = self.whiten_step[:, :2]
+        jacobian[:, :4] = -self.whiten_step @ np.concatenate([plant, D @ by_z[:-1]], axis=1)
+        next_jacobian[:, :4, :2] = self.whiten_step[:, :2]
         scale = np.sqrt(walk_weight) / self.walk_sd
-        here[:, 4, 2], there[:, 4, 2] = -scale, scale
+        jacobian[:, 4, 2], next_jacobian[:, 4, 2] = -scale, scale
         residual = np.column_stack([steps, scale * np.diff(z[:, 2])])
         graph = gtsam.GaussianFactorGraph()
         graph.add(0, np.diag(1.0 / self._start_sd), -start, gtsam.noiseModel.Unit.Create(3))
         unit = gtsam.noiseModel.Unit.Create(5)
         for k in range(n - 1):
-            graph.add(k, here[k], k + 1, there[k], -residual[k], unit)
+            graph.add(k, jacobian[k], k + 1, next_jacobian[k], -residual[k], unit)
         graph.add(n - 1, -self.whiten_measurement @ D @ by_z[-1], -last, gtsam.noiseModel.Unit.Create(2))
         return graph
 

@@ -136,9 +136,9 @@ def exceedances(
             perhaps = _applies(limit, speed[nearest], None) & without_curvature[nearest]
             unknown += _unknown(limit, quantity, applies | perhaps)
     tables = [table for table in tables if len(table)]
-    found = pd.concat(tables) if tables else pd.DataFrame(columns=list(COLUMNS))
+    rows = pd.concat(tables) if tables else pd.DataFrame(columns=list(COLUMNS))
     return Judgement(
-        found.sort_values("chainage_m", ignore_index=True, kind="stable"),
+        rows.sort_values("chainage_m", ignore_index=True, kind="stable"),
         tuple(not_judged),
         pd.DataFrame(unknown, columns=list(UNKNOWN_COLUMNS)).drop_duplicates(ignore_index=True),
     )

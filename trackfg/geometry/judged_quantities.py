@@ -139,17 +139,17 @@ def _offsets(
     table: pd.DataFrame, limit: Limit, chainage: Array, step: float, lengths: ColumnLengths
 ) -> list[JudgedQuantity] | str:
     """Return level and alignment in a band or from a chord, of every profile, or else of the standard columns."""
-    found = []
+    offsets = []
     for side in _SIDES:
         name = f"profile_{limit.parameter}{side}_m"
         if name in table:
             profile = table[name].to_numpy(dtype=np.float64)
             if limit.band is not None:
-                found.append(JudgedQuantity(name, chainage, 1000.0 * band_pass(profile, step, BANDS[limit.band])))
+                offsets.append(JudgedQuantity(name, chainage, 1000.0 * band_pass(profile, step, BANDS[limit.band])))
             else:
-                found.append(_chord_offsets(name, chainage, profile, step, limit))
-    if found:
-        return found
+                offsets.append(_chord_offsets(name, chainage, profile, step, limit))
+    if offsets:
+        return offsets
     further: list[str] = []
     if limit.band is not None:
         further = [f"{limit.parameter}{side}_{limit.band.lower()}_mm" for side in _SIDES]
@@ -171,8 +171,8 @@ def _offsets(
             if limit.uniformity and limit.chord_m is not None:
                 places, value, finer = _with_quarters(chainage, value, step, limit.chord_m)
                 value, sd = uniformity_deviation(value, finer, limit.chord_m), None
-            found.append(JudgedQuantity(name, places, value, sd))
-    return found or f"needs the column {columns[0]} or profile_{limit.parameter}_m"
+            offsets.append(JudgedQuantity(name, places, value, sd))
+    return offsets or f"needs the column {columns[0]} or profile_{limit.parameter}_m"
 
 
 def _chord_offsets(name: str, chainage: Array, profile: Array, step: float, limit: Limit) -> JudgedQuantity:
@@ -206,8 +206,8 @@ def _to_step(chainage: Array, profile: Array, step: float) -> tuple[Array, Array
         return grid, np.full(len(grid), np.nan)
     filled = np.where(known, profile, np.interp(chainage, chainage[known], profile[known]))
     values = CubicSpline(chainage, filled)(grid)
-    before = np.clip(np.searchsorted(chainage, grid, side="right") - 1, 0, len(chainage) - 2)
-    values[~(known[before] & known[before + 1])] = np.nan
+    lower = np.clip(np.searchsorted(chainage, grid, side="right") - 1, 0, len(chainage) - 2)
+    values[~(known[lower] & known[lower + 1])] = np.nan
     return grid, values
 
 

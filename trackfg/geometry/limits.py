@@ -245,8 +245,8 @@ def _sentence(detail: ErrorDetails, file: str) -> str:
         place.append(f"key {loc[-1]}")
     where = ", ".join(place)
     if detail["type"] == "extra_forbidden":
-        known = list(Limit.model_fields) if len(loc) > 1 else ["limits"]
-        return f"{where}: unknown key; {expected_one_of(known, str(loc[-1]))}"
+        keys = list(Limit.model_fields) if len(loc) > 1 else ["limits"]
+        return f"{where}: unknown key; {expected_one_of(keys, str(loc[-1]))}"
     if detail["type"] == "missing":
         return f"{where}: required key is missing"
     if detail["type"] == "value_error":

@@ -57,12 +57,12 @@ def best_shift(reference: pd.DataFrame, run: pd.DataFrame, *, about_m: float = 0
     for name in names:
         if not all(name in table and table[name].notna().any() for table in (reference, run)):
             continue
-        here = _on_cells(reference, name, first, count, step)
-        variance = _mean_square(here - _mean(here))
+        reference_cells = _on_cells(reference, name, first, count, step)
+        variance = _mean_square(reference_cells - _mean(reference_cells))
         if not variance > 0.0:
             continue
-        there = _on_cells(run, name, first + int(lags[0]), count + 2 * reach, step)
-        squares = np.array([_mean_square(there[k : k + count] - here) for k in range(len(lags))])
+        run_cells = _on_cells(run, name, first + int(lags[0]), count + 2 * reach, step)
+        squares = np.array([_mean_square(run_cells[k : k + count] - reference_cells) for k in range(len(lags))])
         mean_square += squares / variance
     if not mean_square.any() or not np.isfinite(mean_square).any():
         return np.nan
@@ -105,14 +105,14 @@ def section_repeatability(
     if each_section:
         for section in np.unique(number):
             rows = number == section
-            own = best_shift(reference[rows], run, about_m=whole, within_m=_FURTHEST_IN_SECTION_M)
-            shift[rows] = own if np.isfinite(own) else whole
+            section_shift = best_shift(reference[rows], run, about_m=whole, within_m=_FURTHEST_IN_SECTION_M)
+            shift[rows] = section_shift if np.isfinite(section_shift) else whole
     full = FULL_SHARE * section_m / step_of(reference)
     table = section_statistics(chainage, shift, section_m=section_m)
     table = table[["from_m", "to_m", "mean"]].rename(columns={"mean": "shift_m"}).set_index("from_m")
     for name in columns:
-        there = spline_at(run["chainage_m"].to_numpy(), run[name].to_numpy(), chainage + shift)
-        sections = section_statistics(chainage, there - reference[name].to_numpy(), section_m=section_m)
+        run_values = spline_at(run["chainage_m"].to_numpy(), run[name].to_numpy(), chainage + shift)
+        sections = section_statistics(chainage, run_values - reference[name].to_numpy(), section_m=section_m)
         sections = sections[sections["count"] >= full].set_index("from_m")
         table[name] = sections["sd"].reindex(table.index)
     return table.dropna(subset=list(columns), how="all").reset_index()
@@ -141,9 +141,9 @@ def _aligned_by(reference: pd.DataFrame, run: pd.DataFrame) -> tuple[str, ...]:
         names = tuple(name for name in group if name in reference and name in run)
         if names:
             return names
-    known = ", ".join(name for group in (ALIGNED_BY, *_OTHERWISE_BY) for name in group)
+    expected = ", ".join(name for group in (ALIGNED_BY, *_OTHERWISE_BY) for name in group)
     raise BadInputError(
-        f"reference and run have no column in common to be laid over each other by; expected one of {known}"
+        f"reference and run have no column in common to be laid over each other by; expected one of {expected}"
     )
 
 
@@ -158,8 +158,8 @@ def _on_cells(table: pd.DataFrame, column: str, first: int, count: int, step: fl
 
 def _mean(values: Array) -> float:
     """Return the mean of the finite values; NaN if there are none."""
-    known = values[np.isfinite(values)]
-    return float(known.mean()) if known.size else np.nan
+    finite = values[np.isfinite(values)]
+    return float(finite.mean()) if finite.size else np.nan
 
 
 def _mean_square(values: Array) -> float:

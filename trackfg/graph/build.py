@@ -279,7 +279,7 @@ def _first_pass(
 
     Slips spoil the attitude of the initial path, and by it the speed that shows them: where there are any, once more.
     """
-    found, guide, quantum = None, wheel, None if wheel is None else wheel.quantum
+    wheel_rolling, guide, quantum = None, wheel, None if wheel is None else wheel.quantum
     if wheel is None and recording.gnss is None and not speedless:
         recording = with_distance_by_speed(recording)
         guide = read_wheel(recording, config.tach.max_gap_s)
@@ -290,16 +290,16 @@ def _first_pass(
         rests = data.edges[nearest(data.edges, rests.ravel())].reshape(-1, 2)
         rests = rests[rests[:, 1] > rests[:, 0]]  # a tach may go on after the inertial sensor
         wheel = None if wheel is None else wheel.standing(rests)
-        rolled = found.wheel.standing(rests) if found is not None else wheel or guide
+        rolled = wheel_rolling.wheel.standing(rests) if wheel_rolling is not None else wheel or guide
         path = initial_path(recording, data, rolled, rests, world.earth_rate, world.start_yaw)
         if wheel is None or attempt == 2:
             break
-        found = rolling(wheel, data, floor, path, rests, world.gravity, config)
-        if found.rolls.all():
+        wheel_rolling = rolling(wheel, data, floor, path, rests, world.gravity, config)
+        if wheel_rolling.rolls.all():
             break
-        corrected = pd.DataFrame({"t_s": found.wheel.t, "distance_m": found.wheel.distance})
+        corrected = pd.DataFrame({"t_s": wheel_rolling.wheel.t, "distance_m": wheel_rolling.wheel.distance})
         recording = replace(recording, tach=corrected)
-    return rests, path, found, wheel
+    return rests, path, wheel_rolling, wheel
 
 
 def _with_noise(wheel: Wheel, data: Intervals, config: SmoothConfig) -> Wheel:
@@ -323,8 +323,8 @@ def _spacing(recording: Recording, config: SmoothConfig) -> KeyframeConfig:
 
 
 def _required_times(recording: Recording, gaps: Array, rests: Array) -> Array:
-    passed = (table for table in (recording.fixes, recording.balises) if table is not None)
-    times = [gaps.ravel(), *(table["t_s"].to_numpy() for table in passed)]
+    tables = (table for table in (recording.fixes, recording.balises) if table is not None)
+    times = [gaps.ravel(), *(table["t_s"].to_numpy() for table in tables)]
     if recording.gnss is not None:
         gnss = recording.gnss["t_s"].to_numpy()
         times.append(gnss[~within(gnss, rests)])

@@ -166,7 +166,7 @@ def _most_likely(passages: Passages, scale_sd: float) -> np.ndarray:
     line = np.log(passages.line_m)
     wrong, right = line - np.log(WRONG), -np.log1p(-WRONG)
     cost = np.empty((n, levels, scales))
-    before = np.full((n, levels, scales), -1)
+    predecessor = np.full((n, levels, scales), -1)
     for j in range(n):
         cost[j] = line + right + j * wrong
         i = np.arange(max(0, j - _MOST_IN_A_ROW), j)
@@ -176,13 +176,13 @@ def _most_likely(passages: Passages, scale_sd: float) -> np.ndarray:
         best = np.argmin(steps, axis=1)
         least = np.take_along_axis(steps, best[:, None], axis=1)[:, 0]
         better = least < cost[j]
-        cost[j], before[j] = np.where(better, least, cost[j]), np.where(better, i[0] + best, -1)
+        cost[j], predecessor[j] = np.where(better, least, cost[j]), np.where(better, i[0] + best, -1)
     total = cost + ((n - 1 - np.arange(n)) * wrong)[:, None, None] + _prior_cost(scale_sd)
     j, level, scale = (int(index) for index in np.unravel_index(np.argmin(total), total.shape))
     chosen = np.zeros(n, dtype=bool)
     while j >= 0:
         chosen[j] = True
-        j = int(before[j, level, scale])
+        j = int(predecessor[j, level, scale])
     return chosen
 
 

@@ -110,5 +110,5 @@ def _lasting_errors(
     means = uniform_filter1d(excess, width, axis=0, mode="nearest")[wheel.covers(t[1:]) & wheel.covers(t[:-1])]
     if not len(means):
         return np.zeros_like(acceleration)
-    found, _ = cauchy_fit(means[:, :-1], means[:, -1], np.array(sigmas), _LEAST_SD_MPS2, width)
-    return np.asarray(terms @ found)
+    coefficients, _ = cauchy_fit(means[:, :-1], means[:, -1], np.array(sigmas), _LEAST_SD_MPS2, width)
+    return np.asarray(terms @ coefficients)

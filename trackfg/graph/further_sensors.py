@@ -141,8 +141,8 @@ def _tach(inputs: GraphInputs, sensor: FurtherSensor) -> Family:
     if inputs.recording.imu.empty or not k.size:  # one interval of a stream: its window doubts the wheel by itself
         return family
     wheel = Wheel(t, distance, _rounding_sd(part, t, distance), 0.0, part.integrates_speed, np.zeros((0, 2)))
-    found = rolling(wheel, inputs.data, inputs.floor, inputs.path, inputs.rests, inputs.world.gravity, config)
-    return replace(family, doubtful=found.slips_within(at)[k])
+    wheel_rolling = rolling(wheel, inputs.data, inputs.floor, inputs.path, inputs.rests, inputs.world.gravity, config)
+    return replace(family, doubtful=wheel_rolling.slips_within(at)[k])
 
 
 def _readings(part: FurtherTach, t: Array, distance: Array, at: Array) -> tuple[Array, Array, Array]:

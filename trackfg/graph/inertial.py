@@ -49,9 +49,9 @@ def preintegrated(inputs: GraphInputs, states: States, speedless: bool) -> tuple
     count = len(starts) - 1
     duration, rotation, velocity = np.empty(count), np.empty((count, 3)), np.empty((count, 3))
     for begin in range(0, len(first) - 1, _AT_A_TIME):
-        own = slice(first[begin], first[min(begin + _AT_A_TIME, len(first) - 1)])
-        increments = compress(inputs.data, starts[own.start : own.stop + 1], gyro_bias)
-        duration[own], rotation[own], velocity[own] = increments.duration, increments.rotation, increments.velocity
+        rows = slice(first[begin], first[min(begin + _AT_A_TIME, len(first) - 1)])
+        increments = compress(inputs.data, starts[rows.start : rows.stop + 1], gyro_bias)
+        duration[rows], rotation[rows], velocity[rows] = increments.duration, increments.rotation, increments.velocity
     return tuple(
         Preintegration(
             bridge if bridged[k] else PreintegrationNoise(gyro[k], accel[k]),

@@ -29,7 +29,7 @@ def place_keyframes(
     fixed = fixed[(fixed >= edges[0]) & (fixed <= edges[-1])]
     fixed_phase = np.interp(fixed, t, phase)
     regular = np.arange(1.0, phase[-1])
-    after = np.clip(np.searchsorted(fixed_phase, regular), 1, len(fixed) - 1)
-    distance = np.minimum(np.abs(regular - fixed_phase[after - 1]), np.abs(fixed_phase[after] - regular))
+    upper = np.clip(np.searchsorted(fixed_phase, regular), 1, len(fixed) - 1)
+    distance = np.minimum(np.abs(regular - fixed_phase[upper - 1]), np.abs(fixed_phase[upper] - regular))
     times = np.concatenate([fixed, np.interp(regular[distance > TOO_CLOSE], phase, t)])
     return np.unique(nearest(edges, times))

@@ -120,8 +120,8 @@ class _Evidence(NamedTuple):
 
     def reversed(self) -> _Evidence:
         """Return the evidence in reversed time, with the speeds as they are."""
-        a, noise, rolled, sigma, walk, before, after = (part[::-1] for part in self)
-        return _Evidence(-a, noise, rolled, sigma, walk, after, before)
+        a, noise, rolled, sigma, walk, rest_at_begin, rest_at_end = (part[::-1] for part in self)
+        return _Evidence(-a, noise, rolled, sigma, walk, rest_at_end, rest_at_begin)
 
 
 def rolling(
@@ -141,16 +141,16 @@ def rolling(
     t = np.arange(data.edges[0], data.edges[-1], _STEP_S)
     if len(t) < _FEWEST:
         return Rolling(t, wheel.rate(t), np.ones(len(t) - 1, dtype=bool), wheel)
-    force = forward_force(t, wheel, data, floor, path, gravity, config)
-    evidence = _evidence(t, wheel, force, rests, gravity, config)
+    forward = forward_force(t, wheel, data, floor, path, gravity, config)
+    evidence = _evidence(t, wheel, forward, rests, gravity, config)
     credible = _passed(evidence) | _passed(evidence.reversed())[::-1]
     weight = np.where(credible, 1.0, _LEAST_WEIGHT)
     resting = np.append(evidence.rests_before[0], evidence.rests_after & credible)
     for _ in range(_ROUNDS):
         speed = _speeds(evidence, weight, resting)
         z = (evidence.rolled - 0.5 * _STEP_S * (speed[1:] + speed[:-1])) / evidence.sigma
-        before, weight = weight, np.maximum(first_state_probability(z, Chain(_LONE_SIGMAS)), _LEAST_WEIGHT)
-        if np.abs(weight - before).max() < _SETTLED:
+        previous, weight = weight, np.maximum(first_state_probability(z, Chain(_LONE_SIGMAS)), _LEAST_WEIGHT)
+        if np.abs(weight - previous).max() < _SETTLED:
             break
     rolls = weight > 0.5
     turning = (evidence.sigma < _SILENT_SD_M) & (evidence.rolled != 0.0)
@@ -160,22 +160,22 @@ def rolling(
 
 
 def _evidence(
-    t: Array, wheel: Wheel, force: ForwardForce, rests: Array, gravity: float, config: SmoothConfig
+    t: Array, wheel: Wheel, forward: ForwardForce, rests: Array, gravity: float, config: SmoothConfig
 ) -> _Evidence:
     rolled = np.diff(wheel.at(t))
-    creep = np.hypot(_CREEP * rolled, creep_sd(config.tach.creep_per_traction, rolled * force.force / gravity))
+    creep = np.hypot(_CREEP * rolled, creep_sd(config.tach.creep_per_traction, rolled * forward.force / gravity))
     if wheel.integrates_speed:
         noise = wheel.speed_variance(t, config.tach.speed_noise_mps)
     else:
         rounding = wheel.reading_sd(t)
         noise = rounding[1:] ** 2 + rounding[:-1] ** 2
-    late = config.tach.clock_offset_sd_s * force.acceleration * _STEP_S
+    late = config.tach.clock_offset_sd_s * forward.acceleration * _STEP_S
     sigma = np.sqrt(creep**2 + noise + late**2) * config.noise.tach
     sigma[~(wheel.covers(t[1:]) & wheel.covers(t[:-1]))] = _SILENT_SD_M
-    change = np.diff(force.acceleration, append=force.acceleration[-1])
+    change = np.diff(forward.acceleration, append=forward.acceleration[-1])
     walk = np.hypot(_ERROR_WALK * np.sqrt(_STEP_S), _SCALE_SD * change)
     resting = within(t, rests)
-    return _Evidence(force.acceleration, force.noise, rolled, sigma, walk, resting[:-1], resting[1:])
+    return _Evidence(forward.acceleration, forward.noise, rolled, sigma, walk, resting[:-1], resting[1:])
 
 
 def _passed(evidence: _Evidence) -> np.ndarray:

@@ -54,12 +54,12 @@ def bounded_memory(limit_bytes: int, folder: Path) -> Iterator[None]:
 
     from trackfg.numerics import compiled
 
-    before = None
+    previous = None
     with suppress(OSError), tempfile.TemporaryFile(dir=folder, prefix=".trackfg-scratch-") as file:
         budget = round(_SHARE_OF_ARRAYS * limit_bytes)
-        before = compiled.spill(_ARRAY_API, file.fileno(), budget, limit_bytes)
+        previous = compiled.spill(_ARRAY_API, file.fileno(), budget, limit_bytes)
     try:
         yield
     finally:
-        if before is not None:
-            compiled.unspill(_ARRAY_API, before)
+        if previous is not None:
+            compiled.unspill(_ARRAY_API, previous)

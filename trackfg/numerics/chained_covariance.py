@@ -84,14 +84,14 @@ class ChainedCovariance(Outlined):
         for block in self.blocks:
             at = wanted[block.rows]
             inside = np.flatnonzero(at >= 0)
-            own = at[inside]
-            out[np.ix_(own, own)] = block.own[np.ix_(inside, inside)]
+            block_at = at[inside]
+            out[np.ix_(block_at, block_at)] = block.own[np.ix_(inside, inside)]
             by_end = block.by_end[inside]
             if len(earlier):
                 across = by_start @ block.with_start[:, inside]
-                out[np.ix_(earlier, own)], out[np.ix_(own, earlier)] = across, across.T
+                out[np.ix_(earlier, block_at)], out[np.ix_(block_at, earlier)] = across, across.T
                 by_end = np.concatenate([by_start @ block.start_by_end, by_end])
-            earlier, by_start = np.concatenate([earlier, own]), by_end
+            earlier, by_start = np.concatenate([earlier, block_at]), by_end
             if len(earlier) == len(rows):
                 break
         return out
@@ -100,12 +100,12 @@ class ChainedCovariance(Outlined):
         """Return the covariance of the functions, each times its factor (m,)."""
         scaled = []
         for block in self.blocks:
-            own = factor[block.rows]
+            block_factor = factor[block.rows]
             scaled.append(
                 block._replace(
-                    own=own[:, None] * block.own * own,
-                    by_end=own[:, None] * block.by_end,
-                    with_start=block.with_start * own,
+                    own=block_factor[:, None] * block.own * block_factor,
+                    by_end=block_factor[:, None] * block.by_end,
+                    with_start=block.with_start * block_factor,
                 )
             )
         return ChainedCovariance(tuple(scaled))

@@ -122,9 +122,9 @@ def enu_to_geodetic(enu: Array, origin: tuple[float, float, float]) -> Array:
     up = up - (east * east + north * north) / (2.0 * EARTH_RADIUS)
     for _ in range(_CORRECTIONS):
         x, y, z = (centre[i] + R[i, 0] * east + R[i, 1] * north + R[i, 2] * up for i in range(3))
-        latitude, longitude, found = _geodetic(x, y, z)
-        error = height - found
+        latitude, longitude, trial_height = _geodetic(x, y, z)
+        error = height - trial_height
         if np.all(np.abs(error) <= _SETTLED_M):
             break
         up = up + error
-    return np.stack([np.degrees(latitude), np.degrees(longitude), found], axis=-1)
+    return np.stack([np.degrees(latitude), np.degrees(longitude), trial_height], axis=-1)

@@ -116,7 +116,7 @@ def _vertices(blob: bytes, at: int) -> tuple[list[Array], int]:
             raise struct.error("beyond the end")
         return np.frombuffer(blob, f"{order}f8", dims * number, at).reshape(number, dims).astype(np.float64)
 
-    found: list[Array] = []
+    vertices: list[Array] = []
     if kind == _POINT:
         return [row(1)], at + 8 * dims
     if kind in (_LINE, _POLYGON):
@@ -125,13 +125,13 @@ def _vertices(blob: bytes, at: int) -> tuple[list[Array], int]:
             lines, at = count(), at + 4
         for _ in range(lines):
             number, at = count(), at + 4
-            found.append(row(number))
+            vertices.append(row(number))
             at += 8 * dims * number
-        return found, at
+        return vertices, at
     if kind not in _COLLECTIONS:
         raise ValueError(f"a geometry of the kind {kind} cannot be read: expected points, lines or polygons")
     parts, at = count(), at + 4
     for _ in range(parts):
         part, at = _vertices(blob, at)
-        found += part
-    return found, at
+        vertices += part
+    return vertices, at

@@ -61,7 +61,7 @@ def cauchy_fit(
     for _ in range(_ROUNDS):
         level = max(robust_sd(off - median(off)), least_sd)
         weighted = rows.T * weight / (per_value * level**2)
-        found = np.asarray(np.linalg.solve(weighted @ rows + precision, weighted @ right), dtype=np.float64)
-        off = right - rows @ found
+        coefficients = np.asarray(np.linalg.solve(weighted @ rows + precision, weighted @ right), dtype=np.float64)
+        off = right - rows @ coefficients
         weight = np.asarray(1.0 / (1.0 + np.square(off / (_CAUCHY * level))), dtype=np.float64)
-    return found, np.sqrt(np.diagonal(np.linalg.inv(weighted @ rows + precision)))
+    return coefficients, np.sqrt(np.diagonal(np.linalg.inv(weighted @ rows + precision)))

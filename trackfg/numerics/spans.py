@@ -43,9 +43,9 @@ def nearest(grid: Array, values: Array) -> np.ndarray:
 def subtract(spans: Array, breaks: Array) -> Array:
     """Return spans (m, 2), ordered and disjoint, without what lies in ``breaks`` (b, 2): one may become two."""
     for begin, end in breaks:
-        before = np.column_stack([spans[:, 0], np.minimum(spans[:, 1], begin)])
-        after = np.column_stack([np.maximum(spans[:, 0], end), spans[:, 1]])
-        parts = np.concatenate([before, after])
+        head = np.column_stack([spans[:, 0], np.minimum(spans[:, 1], begin)])
+        tail = np.column_stack([np.maximum(spans[:, 0], end), spans[:, 1]])
+        parts = np.concatenate([head, tail])
         spans = parts[parts[:, 1] > parts[:, 0]]
         spans = spans[np.argsort(spans[:, 0], kind="stable")]
     return spans

@@ -208,20 +208,20 @@ def _measurements(recording: Recording, motion: SampledMotion, wheel_scale: floa
     velocity = np.cross(means_around(clock, _SPEED_OVER_S, edges, motion.gyro), lever_arm)
     velocity[:, 0] += wheel_scale * np.interp(clock, motion.t, motion.speed)
     sd = np.full(3, _VELOCITY_SD_MPS)
-    found = []
+    measurements = []
     if gnss is not None:
         # The classes multiply the square of a sigma by a unit matrix, so that one per axis does as well.
         if description.tach is not None:
             sd[0] = np.hypot(sd[0], description.tach.scale_sd * np.sqrt(np.mean(velocity[:, 0] ** 2)))
         places = geodetic_of(gnss[["east_m", "north_m", "up_m"]].to_numpy(), _origin(recording))
-        found.append(
+        measurements.append(
             Position(
                 pd.DataFrame(places, index=gnss["t_s"].to_numpy(), columns=["lat", "lon", "alt"]),
                 gnss[["north_sd_m", "east_sd_m", "up_sd_m"]].median().to_numpy(),
                 (np.array(description.gnss.lever_arm_m if description.gnss else lever_arm) - lever_arm) * _FRD,
             )
         )
-    return [BodyVelocity(pd.DataFrame(velocity * _FRD, index=clock, columns=["VX", "VY", "VZ"]), sd), *found]
+    return [BodyVelocity(pd.DataFrame(velocity * _FRD, index=clock, columns=["VX", "VY", "VZ"]), sd), *measurements]
 
 
 def geodetic_of(enu: Array, origin: Array) -> Array:
@@ -282,6 +282,6 @@ def _with_place(trajectory: pd.DataFrame, recording: Recording, filtered: Filter
     columns = np.column_stack([place, rpy[:, 2], filtered.enu_sd, filtered.rpy_sd[:, 2]])
     names = ["east_m", "north_m", "up_m", "yaw_rad"]
     at = interpolate_columns(trajectory["t_s"].to_numpy(), filtered.t, columns)
-    known = dict(zip([*names, *(f"{name}_sd" for name in names)], at.T, strict=True))
-    known["yaw_rad"] = np.pi - (np.pi - known["yaw_rad"]) % (2.0 * np.pi)  # (-pi, pi]
-    return trajectory.assign(**known)
+    place_columns = dict(zip([*names, *(f"{name}_sd" for name in names)], at.T, strict=True))
+    place_columns["yaw_rad"] = np.pi - (np.pi - place_columns["yaw_rad"]) % (2.0 * np.pi)  # (-pi, pi]
+    return trajectory.assign(**place_columns)

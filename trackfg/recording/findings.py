@@ -74,5 +74,5 @@ def errors(findings: Iterable[Finding]) -> list[Finding]:
 
 def raise_first(findings: Sequence[Finding]) -> None:
     """Raise :class:`BadInputError` with the first error among the findings, if there is one."""
-    if found := errors(findings):
-        raise BadInputError(str(found[0]))
+    if faults := errors(findings):
+        raise BadInputError(str(faults[0]))

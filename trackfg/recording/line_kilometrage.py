@@ -81,9 +81,9 @@ class LineKilometrage(Model):
             raise ValueError("equation and post are both there: expected equations or posts to count from")
         for name in ("equation", "post", "scale"):
             places = [entry.chainage_m for entry in getattr(self, name)]
-            for number, (before, after) in enumerate(itertools.pairwise(places), start=2):
-                if after <= before:
-                    raise ValueError(f"{name} {number}: chainage_m is {after:g}: expected more than {before:g}")
+            for number, (earlier, later) in enumerate(itertools.pairwise(places), start=2):
+                if later <= earlier:
+                    raise ValueError(f"{name} {number}: chainage_m is {later:g}: expected more than {earlier:g}")
         self.kilometrage()
         return self
 

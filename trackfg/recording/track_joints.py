@@ -153,8 +153,8 @@ def _ways_of_relations(
     for k, piece in enumerate(pieces):
         at[piece.track] += [(piece.start, (k, 0)), (piece.end, (k, 1))]
 
-    def ends(found: list[_Place]) -> list[End]:
-        return [end for track, station in found for place, end in at[track] if abs(place - station) <= JOINED_M]
+    def ends(places: list[_Place]) -> list[End]:
+        return [end for track, station in places for place, end in at[track] if abs(place - station) <= JOINED_M]
 
     for relation, (on_a, on_b) in zip(relations, places, strict=True):
         pairs = list(itertools.product(ends(on_a), ends(on_b)))

@@ -79,9 +79,9 @@ class TrackNetwork(Outlined):
         ``start``: piece, m along it, and in which sense of the piece it goes, 1 or -1.
         """
         piece, along, sense = start
-        left = float(self.length_m[piece] - along if sense > 0 else along)
+        to_end_m = float(self.length_m[piece] - along if sense > 0 else along)
         entered: dict[tuple[int, int], float] = {}
-        leaving = [((piece, 1 if sense > 0 else 0), left)]
+        leaving = [((piece, 1 if sense > 0 else 0), to_end_m)]
         while leaving:
             end, distance = leaving.pop()
             if distance > most_m:

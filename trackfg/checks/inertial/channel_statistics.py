@@ -103,6 +103,6 @@ class ChannelStatistics:
         self.chance = [max(share, erf(q / (np.sqrt(8.0) * s)) if s > 0.0 else 1.0) for share, q, s in each]
 
 
-def _running(extreme: np.ufunc, before: Array, of_blocks: Array) -> Array:
-    """Return the extreme of what was ``before`` (6,) and of all blocks up to each, (b, 6)."""
-    return np.asarray(extreme(before, extreme.accumulate(of_blocks)))
+def _running(extreme: np.ufunc, initial: Array, of_blocks: Array) -> Array:
+    """Return the extreme of the ``initial`` one (6,) and of all blocks up to each, (b, 6)."""
+    return np.asarray(extreme(initial, extreme.accumulate(of_blocks)))

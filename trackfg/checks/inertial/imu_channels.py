@@ -25,19 +25,19 @@ def findings(imu: Imu, table: pd.DataFrame, limits: CheckLimits) -> list[Finding
     detector = ImuFaultDetector.of(imu, limits, is_canonical=True)
     faults = [fault for fault in detector.take(rows)[1] if fault.code == "stuck-channel"]
     t, sensor = rows[:, 0], detector.in_sensor_axes(rows)[:, 1:]
-    found = _repeated(imu, t, sensor, limits)
+    report = _repeated(imu, t, sensor, limits)
     same = np.diff(sensor, axis=0) == 0.0
     same &= ~same.all(axis=1)[:, None]  # which are repeated rows
     for c, name in enumerate((*imu.gyro, *imu.accel)):
         times = np.concatenate([np.zeros(0), *(fault.t for fault in faults if name in fault.columns)])
-        found += _plateau(imu, name, t, sensor[:, c], (same[:, c], np.isin(t, times)), limits)
+        report += _plateau(imu, name, t, sensor[:, c], (same[:, c], np.isin(t, times)), limits)
     for names, channels, most, unit in (
         (imu.gyro, sensor[:, :3], limits.possible_rate_radps, "rad/s"),
         (imu.accel, sensor[:, 3:], limits.possible_force_mps2, "m/s^2"),
     ):
         for name, channel in zip(names, channels.T, strict=True):
-            found += _impossible(imu, name, t, channel, most, unit)
-    return found
+            report += _impossible(imu, name, t, channel, most, unit)
+    return report
 
 
 def _repeated(imu: Imu, t: Array, sensor: Array, limits: CheckLimits) -> list[Finding]:
@@ -64,9 +64,9 @@ def _plateau(
     value of the channel is one at the end of its range.
     """
     same, dropped = masks
-    runs, before = true_runs(same), np.concatenate([[0], np.cumsum(dropped)])
+    runs, drop_count = true_runs(same), np.concatenate([[0], np.cumsum(dropped)])
     seconds = t[runs[:, 1]] - t[runs[:, 0]]
-    runs = runs[(seconds >= limits.stuck_s) | (before[runs[:, 1] + 1] > before[runs[:, 0] + 1])]
+    runs = runs[(seconds >= limits.stuck_s) | (drop_count[runs[:, 1] + 1] > drop_count[runs[:, 0] + 1])]
     if len(runs) == 0:
         return []
     start, end = runs[np.argmax(t[runs[:, 1]] - t[runs[:, 0]])].tolist()

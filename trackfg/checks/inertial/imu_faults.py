@@ -125,12 +125,12 @@ class ImuFaultDetector:
         count = _blocks_before(self._same(values))
         blocks = values[: count * BLOCK_ROWS].reshape(count, BLOCK_ROWS, 6)
         if count:
-            after = statistics.after(blocks)
-            centre = np.concatenate([self.centre[None], after.centre[:-1]])
-            limit = np.concatenate([self.limit[None], self._limits(after.furthest[:-1])])
+            block_statistics = statistics.after(blocks)
+            centre = np.concatenate([self.centre[None], block_statistics.centre[:-1]])
+            limit = np.concatenate([self.limit[None], self._limits(block_statistics.furthest[:-1])])
             count = _blocks_before((np.abs(blocks - centre[:, None]) > limit[:, None]).reshape(-1, 6))
         if count:
-            statistics.become(after, count - 1)
+            statistics.become(block_statistics, count - 1)
             self._set_limits()
             self.before = blocks[count - 1, -1].copy()
             self.count += count * BLOCK_ROWS
@@ -191,7 +191,7 @@ class ImuFaultDetector:
     def _judge(self, rows: Array, sensed: Array, faults: list[ImuFault]) -> Array:
         values = sensed[:, 1:]
         same = self._same(values)
-        before, self.before = self.before, values[-1].copy()
+        previous, self.before = self.before, values[-1].copy()
         begin = self.count
         self.count += len(rows)
         if not self._suspects and not same.any():
@@ -206,7 +206,7 @@ class ImuFaultDetector:
             if plateau.level is None and not same[:, c].any():
                 continue
             series = values[:, c].tolist()
-            for first, end in plateau.take(series, begin, float(before[c]), chance, patience):
+            for first, end in plateau.take(series, begin, float(previous[c]), chance, patience):
                 wrong[(numbers >= first) & (numbers < end), c] = True
         lost = wrong.any(axis=1)
         if lost.any():

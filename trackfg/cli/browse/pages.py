@@ -218,7 +218,7 @@ def _progress_text(batches: list[BatchState], unread: int) -> str:
 def _how_far(batch: BatchState, now: float) -> str:
     if batch.lost(now):
         return f"Batch {batch.name} ended before it was done: {batch.done} of {batch.runs} runs."
-    left = batch.remaining_s
-    time_left = "" if left is None else f", {batch.runs_per_minute:.3g} a minute, {duration(left)} left"
+    remaining_s = batch.remaining_s
+    time_left = "" if remaining_s is None else f", {batch.runs_per_minute:.3g} a minute, {duration(remaining_s)} left"
     failures = f", {batch.failed} failed" if batch.failed else ""
     return f"Batch {batch.name}: {batch.done} of {batch.runs} runs{time_left}{failures}."

@@ -83,22 +83,22 @@ def build_map_file(
     stored = [run for store in stores for run in runs_of_store(store, fleet.line)]
     while True:
         newest = newest_version(location)
-        begun = None if newest is None else read_map(location, newest)
-        contents = set() if begun is None else set(begun.runs["content_sha256"])
+        old_map = None if newest is None else read_map(location, newest)
+        contents = set() if old_map is None else set(old_map.runs["content_sha256"])
         added = [run for run in stored if run.summary.run is None or run.summary.run.content_sha256 not in contents]
         runs: Runs = [*given, *added]
-        if not runs and begun is not None:
-            return begun
+        if not runs and old_map is not None:
+            return old_map
         with _mapped(fleet, len(runs)) as mapped:
             joining = Joining(lambda what, done: show(what, share + (1.0 - share) * done), mapped, warn=_warn)
             if stores:
                 joining = replace(joining, leave_out=_name)
-            if begun is None:
+            if old_map is None:
                 built = build_map(runs, name=name or place.name, joining=joining)
             else:
-                built = with_runs(begun, runs, joining=joining)
-                if len(built.runs) == len(begun.runs):
-                    return begun  # of a store, each run was left out
+                built = with_runs(old_map, runs, joining=joining)
+                if len(built.runs) == len(old_map.runs):
+                    return old_map  # of a store, each run was left out
         if place.path is not None:
             place.path.parent.mkdir(parents=True, exist_ok=True)
         try:

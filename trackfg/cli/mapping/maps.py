@@ -163,20 +163,20 @@ def trends(options: TrendChoices) -> None:
     else:
         runs, missing = runs_of_map(feature_map)
     with working("trends"):
-        found = find_trends(runs, feature_map, chosen, floor_mm_per_month=options.floor, load=load)
-    found = replace(found, left_out={**missing, **found.left_out})
-    for doubt in found.doubts.values():
+        result = find_trends(runs, feature_map, chosen, floor_mm_per_month=options.floor, load=load)
+    result = replace(result, left_out={**missing, **result.left_out})
+    for doubt in result.doubts.values():
         complain(f"trackfg: warning: {printable(doubt)}")
     if options.out is not None:
-        found.write(options.out)
+        result.write(options.out)
     written = [] if options.out is None else [f"trends: {options.out}"]
     if options.layers:
-        draw(options.place, feature_map, trend_layers(found, feature_map))
+        draw(options.place, feature_map, trend_layers(result, feature_map))
         written.append(f"layers: {locate(options.place).shown}")
     if options.json:
-        print(found.as_json())
+        print(result.as_json())
         return
-    show_unless_written(*trend_tables.of_trends(found), written="\n".join(written) or None)
+    show_unless_written(*trend_tables.of_trends(result), written="\n".join(written) or None)
 
 
 @maps.command(example="trackfg map show line.gpkg", loads="trackfg.maps")

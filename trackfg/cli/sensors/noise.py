@@ -48,21 +48,21 @@ def noise(
     with progress_bar() as progress:
         recording, column = read_sensor_log(log, _assume, temperature)
         try:
-            found = log_noise(recording, column, progress=progress)
+            result = log_noise(recording, column, progress=progress)
         except ValueError as error:
             raise BadInputError(f"{log}: {error}") from error
-    rest = found.rest
+    rest = result.rest
     if not rest.is_whole:
         note(
             f"trackfg: note: the log is not at rest throughout: its longest rest is used, t = {rest.begin_s:.1f} s to "
             f"{rest.end_s:.1f} s ({rest.end_s - rest.begin_s:.0f} s of {rest.whole_s:.0f} s)"
         )
     if out is not None:
-        _write(found, out)
+        _write(result, out)
     if json:
-        print(json_text.dumps(found.as_json(), indent=2))
+        print(json_text.dumps(result.as_json(), indent=2))
         return
-    show_unless_written(_table(found), found.toml(), written=None if out is None else f"allan: {out}")
+    show_unless_written(_table(result), result.toml(), written=None if out is None else f"allan: {out}")
 
 
 def _assume(question: Question) -> str:
@@ -72,34 +72,34 @@ def _assume(question: Question) -> str:
     return question.default
 
 
-def _write(found: LogNoise, out: Path) -> None:
+def _write(result: LogNoise, out: Path) -> None:
     from trackfg.files.atomic_file import write_whole
     from trackfg.plots.allan_chart import plot_allan
 
     if out.suffix == ".csv":
-        write_whole(out, found.allan.to_csv(index=False).encode())
+        write_whole(out, result.allan.to_csv(index=False).encode())
     else:
-        plot_allan(found.allan, out, title=f"{found.recording_id}: {_length(found)} at rest, with limits of 95 %")
+        plot_allan(result.allan, out, title=f"{result.recording_id}: {_length(result)} at rest, with limits of 95 %")
 
 
-def _length(found: LogNoise) -> str:
-    return f"{(found.rest.end_s - found.rest.begin_s) / 3600.0:.2f} h"
+def _length(result: LogNoise) -> str:
+    return f"{(result.rest.end_s - result.rest.begin_s) / 3600.0:.2f} h"
 
 
-def _table(found: LogNoise) -> RenderableType:
+def _table(result: LogNoise) -> RenderableType:
     """Return a row per sensor and axis."""
     from trackfg.sensors.log_noise import SENSORS
 
     headings = ["white noise\nper root Hz", "bias\ninstability", "random walk\nper s and root Hz", "lowest deviation"]
-    if found.temperature is not None:
+    if result.temperature is not None:
         headings.append("per K")
-    title = f"Noise in {_length(found)} at rest, {1.0 / found.rest.dt:.4g} Hz"
+    title = f"Noise in {_length(result)} at rest, {1.0 / result.rest.dt:.4g} Hz"
     table = titled(title, "", *numbers(*headings))
-    for row in found.axes.to_dict("records"):
+    for row in result.axes.to_dict("records"):
         cells = [_with_sd(row[name], row[f"{name}_sd"]) for name in ("white", "bias_instability", "bias_walk")]
         at = row["lowest_at_s"]
         cells.append("" if math.isnan(at) else f"{row['lowest']:.3g} at {at:.3g} s")
-        if found.temperature is not None:
+        if result.temperature is not None:
             cells.append(_with_sd(row["per_kelvin"], row["per_kelvin_sd"]))
         name = f"all, {SENSORS[row['sensor']]}" if row["axis"] == "all" else row["axis"]
         table.add_row(f"{row['sensor']} {name}", *cells, end_section=row["axis"] == "all")

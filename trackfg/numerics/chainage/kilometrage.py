@@ -97,9 +97,9 @@ class Kilometrage:
         if not self.stretches:
             raise ValueError("no stretch: expected where kilometrage begins")
         edges = [*(stretch.from_m for stretch in self.stretches), self.end_m]
-        for before, after in itertools.pairwise(edges):
-            if not before < after:
-                raise ValueError(f"chainage {after:g} m comes after {before:g} m: expected ascending chainages")
+        for earlier, later in itertools.pairwise(edges):
+            if not earlier < later:
+                raise ValueError(f"chainage {later:g} m comes after {earlier:g} m: expected ascending chainages")
 
     def official_m(self, chainage_m: Array) -> Array:
         """Return the official places of chainages, m. At a jump it is the one ahead. Shape (...)."""
@@ -128,7 +128,9 @@ class Kilometrage:
         if not inside:
             inside = list(self._beyond(official_m, part))
         inside.sort()
-        return tuple(x for x, before in zip(inside, [-math.inf, *inside], strict=False) if x - before > 2.0 * within_m)
+        return tuple(
+            x for x, previous in zip(inside, [-math.inf, *inside], strict=False) if x - previous > 2.0 * within_m
+        )
 
     def written(self, chainage_m: Array, *, decimals: int = 2) -> list[str]:
         """Return chainages (n,), m, as official places, ``12+345.67``, each with its part where others have it too.
@@ -160,15 +162,15 @@ class Kilometrage:
 
     def round_places(self, from_m: float, to_m: float, step_m: float) -> Array:
         """Return the chainages between two whose official places are multiples of a step, m, ascending (n,)."""
-        found = []
+        places = []
         edges = [-math.inf, *self._from[1:].tolist(), math.inf]
         for stretch, begin, end in zip(self.stretches, edges, edges[1:], strict=False):
             low, high = max(from_m, begin), min(to_m, end)
             if low < high:
                 least, greatest = sorted((stretch.official_at(low), stretch.official_at(high)))
                 steps = np.arange(math.ceil(least / step_m), math.floor(greatest / step_m) + 1, dtype=np.float64)
-                found.append(np.sort(stretch.chainage_of(np.asarray(step_m * steps))))
-        return np.concatenate(found) if found else np.zeros(0)
+                places.append(np.sort(stretch.chainage_of(np.asarray(step_m * steps))))
+        return np.concatenate(places) if places else np.zeros(0)
 
     def read(self, text: str) -> float:
         """Return the chainage of a written place, m: ``12+345.6``, ``12.3456``, ``km 12,3456``, with its part where it
@@ -202,21 +204,21 @@ class Kilometrage:
     @cached_property
     def jumps(self) -> tuple[Jump, ...]:
         """The places where kilometrage does not go on as before, in order of chainage."""
-        found = []
-        for before, after in itertools.pairwise(self.stretches):
-            back, ahead = before.official_at(after.from_m), after.official_at(after.from_m)
-            turned = (before.rate > 0.0) != (after.rate > 0.0)
+        jumps = []
+        for previous, stretch in itertools.pairwise(self.stretches):
+            back, ahead = previous.official_at(stretch.from_m), stretch.official_at(stretch.from_m)
+            turned = (previous.rate > 0.0) != (stretch.rate > 0.0)
             if turned or abs(ahead - back) > _SAME_PLACE_M:
-                missing = (ahead > back) == (after.rate > 0.0)
+                missing = (ahead > back) == (stretch.rate > 0.0)
                 kind: Literal["gap", "overlap", "turn"] = "turn" if turned else "gap" if missing else "overlap"
-                found.append(Jump(after.from_m, back, ahead, kind))
-        return tuple(found)
+                jumps.append(Jump(stretch.from_m, back, ahead, kind))
+        return tuple(jumps)
 
     def _stretch_at(self, chainage_m: Array) -> np.ndarray:
         return np.maximum(np.searchsorted(self._from, chainage_m, side="right") - 1, 0)
 
     def _chosen(self, part: int | None) -> Iterable[int]:
-        return (i for i, own in enumerate(self._part_of_stretch) if part is None or own == part - 1)
+        return (i for i, number in enumerate(self._part_of_stretch) if part is None or number == part - 1)
 
     def _on(self, i: int, official_m: float, within_m: float) -> Iterator[float]:
         """Yield the chainage of an official place on stretch i, if it lies there."""
@@ -302,16 +304,16 @@ def between_posts(posts: Sequence[KmPost], *, ascending: bool = True) -> tuple[S
     first, last = posts[0], posts[-1]
     stretches = []
     rate = 1.0 if ascending else -1.0
-    for number, (before, after) in enumerate(itertools.pairwise(posts), start=1):
-        if after.official_m == before.official_m:
+    for number, (post, next_post) in enumerate(itertools.pairwise(posts), start=1):
+        if next_post.official_m == post.official_m:
             raise ValueError(f"posts {number} and {number + 1} show the same kilometre: expected different ones")
-        rate = math.copysign(1.0, after.official_m - before.official_m)
-        lower = before if rate > 0.0 else after
-        whole = lower.official_m % 1000.0 == 0.0 and abs(after.official_m - before.official_m) == 1000.0
+        rate = math.copysign(1.0, next_post.official_m - post.official_m)
+        lower = post if rate > 0.0 else next_post
+        whole = lower.official_m % 1000.0 == 0.0 and abs(next_post.official_m - post.official_m) == 1000.0
         km = int(lower.official_m // 1000.0) if whole else None
         if number == 1:
             stretches.append(Stretch(-math.inf, first.chainage_m, first.official_m, rate))
-        stretches.append(Stretch(before.chainage_m, lower.chainage_m, lower.official_m, rate, km))
+        stretches.append(Stretch(post.chainage_m, lower.chainage_m, lower.official_m, rate, km))
     beginning = last.chainage_m if stretches else -math.inf
     return (*stretches, Stretch(beginning, last.chainage_m, last.official_m, rate))
 

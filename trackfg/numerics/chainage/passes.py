@@ -38,5 +38,5 @@ def passes(distance: Array, least_m: float = _MOVED_M) -> list[Pass]:
         return []
     latest = np.clip(np.searchsorted(moving, np.arange(len(steps)), side="right") - 1, 0, None)
     rising = steps[moving[latest]] > 0
-    found = [Pass(int(a), int(b), sense) for sense in (1, -1) for a, b in true_runs(rising == (sense > 0))]
-    return sorted(found, key=lambda one: one.first)
+    traversals = [Pass(int(a), int(b), sense) for sense in (1, -1) for a, b in true_runs(rising == (sense > 0))]
+    return sorted(traversals, key=lambda one: one.first)
