@@ -837,7 +837,7 @@ _STREAMING = (
         (_WINDOW_TEST,),
         (
             _one("an unsigned tach keeps its sense backwards", "float(np.sign(speed))", "1.0"),
-            _one("a departure has the sense of the rest", "self._sense_at(speeds[1])", "before"),
+            _one("a departure has the sense of the rest", "self._sense_at(speeds[1])", "old_sense"),
             _one("a slow tach is not waited for", "until >= max(end, t + self.late_s)", "until >= end"),
         ),
     ),
