@@ -1,4 +1,7 @@
-"""The first line of a docstring is a sentence: no preposition or conjunction begins it (docs/style.md)."""
+"""Docstrings and local variables are as docs/style.md has them.
+
+The first line of a docstring is a sentence: no preposition or conjunction begins it. A local variable is a noun.
+"""
 
 from __future__ import annotations
 
@@ -20,6 +23,11 @@ _WORDS = """
 
 FRAGMENTS = frozenset(_WORDS.split())
 """First words of what is no sentence: prepositions and conjunctions."""
+
+_NO_NOUNS = "after before begun felt found gone here mine own said theirs there told"
+
+NO_NOUNS = frozenset(_NO_NOUNS.split())
+"""Names that no local variable has. ``found`` may be a mask, which a comparison makes."""
 
 COVERED = ("datasets", "factors", "trackfg")
 
@@ -57,3 +65,53 @@ def test_a_docstring_begins_a_sentence(folder: str) -> None:
 )
 def test_what_a_fragment_is(text: str, expected: bool) -> None:
     assert is_fragment(text) is expected
+
+
+def wrong_names(tree: ast.Module) -> set[tuple[int, str]]:
+    """Line and name of every local variable that no noun names, and of the variable ``one`` of a loop's statements."""
+    wrong = set()
+    functions = [node for node in ast.walk(tree) if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef)]
+    for function in functions:
+        nodes = list(ast.walk(function))
+        parameters = {node.arg for node in nodes if isinstance(node, ast.arg)}
+        compared = [node for node in nodes if isinstance(node, ast.Assign | ast.AnnAssign) and _compares(node.value)]
+        masks = {id(node) for statement in compared for node in ast.walk(statement)}
+        loops = {id(node) for loop in nodes if isinstance(loop, ast.For) for node in ast.walk(loop.target)}
+        for node in nodes:
+            if not isinstance(node, ast.Name) or not isinstance(node.ctx, ast.Store) or node.id in parameters:
+                continue
+            is_mask = node.id == "found" and id(node) in masks
+            if (node.id in NO_NOUNS and not is_mask) or (node.id == "one" and id(node) in loops):
+                wrong.add((node.lineno, node.id))
+    return wrong
+
+
+def _compares(value: ast.expr | None) -> bool:
+    return value is not None and any(isinstance(node, ast.Compare) for node in ast.walk(value))
+
+
+@pytest.mark.parametrize("folder", [*COVERED, "tools"])
+def test_a_local_variable_is_a_noun(folder: str) -> None:
+    modules = sorted((ROOT / folder).rglob("*.py"))
+    assert modules
+    wrong = [
+        f"{path.relative_to(ROOT)}:{line}: {name}"
+        for path in modules
+        for line, name in sorted(wrong_names(ast.parse(path.read_text(encoding="utf-8"))))
+    ]
+    assert wrong == []
+
+
+@pytest.mark.parametrize(
+    ("line", "names"),
+    [
+        ("found = search(x)", ["found"]),
+        ("found = x > 0.0", []),
+        ("before, after = x", ["after", "before"]),
+        ("for one in x: pass", ["one"]),
+        ("y = [one.t for one in x]", []),
+        ("fix = x", []),
+    ],
+)
+def test_which_names_are_wrong(line: str, names: list[str]) -> None:
+    assert sorted(name for _, name in wrong_names(ast.parse(f"def f(x):\n    {line}\n"))) == names

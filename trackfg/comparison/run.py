@@ -186,7 +186,7 @@ def compare(
     """
     start = time.perf_counter()
     with_own(estimators(peers=peers), own)
-    runs = list(_runs(cases, own=own, peers=peers, jobs=jobs, progress=progress))
+    runs = list(_runs(cases, additions=own, peers=peers, jobs=jobs, progress=progress))
     scores = joined(
         [*(run.scores for run in runs), *_repeatability([run for run in runs if run.basis == "repeatability"])]
     )
@@ -214,7 +214,7 @@ def compare(
 
 
 def _runs(
-    cases: Sequence[Case], *, own: Mapping[str, Estimator], peers: bool, jobs: int, progress: Progress | None
+    cases: Sequence[Case], *, additions: Mapping[str, Estimator], peers: bool, jobs: int, progress: Progress | None
 ) -> Iterator[CaseRun]:
     """Run the cases in their order. The curves of the first run of each name are kept."""
     keep = [case.name not in {earlier.name for earlier in cases[:number]} for number, case in enumerate(cases)]
@@ -225,12 +225,13 @@ def _runs(
                 if progress is not None:
                     progress(f"{name}: {what}", (number + done) / len(cases))
 
-            yield run_case(case, peers=peers, keep=keep[number], progress=show, own=own)
+            yield run_case(case, peers=peers, keep=keep[number], progress=show, own=additions)
         return
     # Spawned, not forked: a fork of a process whose libraries have threads may hang.
     with ProcessPoolExecutor(jobs, mp_context=multiprocessing.get_context("spawn")) as pool:
         futures = [
-            pool.submit(run_case, case, peers=peers, keep=kept, own=own) for case, kept in zip(cases, keep, strict=True)
+            pool.submit(run_case, case, peers=peers, keep=kept, own=additions)
+            for case, kept in zip(cases, keep, strict=True)
         ]
         try:
             for done, future in enumerate(as_completed(futures), start=1):

@@ -169,18 +169,18 @@ def score_table(about: About, task: Task) -> PageTable:
             case = "" if len(about.cases) == 1 else f"{row.case}: "
             group = f"{case}{QUANTITIES[row.quantity].heading} ({_STATISTIC[row.statistic]})"
             rows.append(TableRow((group,), mark="group"))
-        own = row.estimator == REFERENCE
+        is_reference = row.estimator == REFERENCE
         cells = (
             row.estimator,
             _error(row),
             digits(row.largest),
             percent(row.coverage),
-            "" if own else digits(row.to_smoother),
-            "" if own else interval(row.to_smoother_interval),
+            "" if is_reference else digits(row.to_smoother),
+            "" if is_reference else interval(row.to_smoother_interval),
             digits(row.seconds_per_km),
             "better than the smoother" if row.beats_the_smoother else "",
         )
-        rows.append(TableRow(cells, mark="own" if own else "bad" if row.beats_the_smoother else ""))
+        rows.append(TableRow(cells, mark="own" if is_reference else "bad" if row.beats_the_smoother else ""))
     headings = (
         "estimator",
         "error ± 95 %",

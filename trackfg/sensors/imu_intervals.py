@@ -299,7 +299,7 @@ def increment_starts(
     if times is not None:
         lower = np.clip(np.searchsorted(data.edges, times + 1e-9, side="right") - 1, 0, len(data))
         upper = np.minimum(lower + 1, len(data))
-        here = np.zeros(len(data) + 1, dtype=bool)
-        here[starts] = here[lower] = here[upper[data.edges[lower] < times - 1e-9]] = True
-        starts = np.flatnonzero(here)
+        is_start = np.zeros(len(data) + 1, dtype=bool)
+        is_start[starts] = is_start[lower] = is_start[upper[data.edges[lower] < times - 1e-9]] = True
+        starts = np.flatnonzero(is_start)
     return starts, np.searchsorted(starts, edges)

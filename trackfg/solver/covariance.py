@@ -88,12 +88,12 @@ class Covariance(Outlined):
 
     def rows(self, keyframes: np.ndarray, rows: np.ndarray) -> Array:
         """Return rows (r,) of the covariances of z_k of some keyframes, (m, r, d)."""
-        own, dim = rows < KEYFRAME_DIM, KEYFRAME_DIM
+        in_keyframe, dim = rows < KEYFRAME_DIM, KEYFRAME_DIM
         out = np.empty((len(keyframes), len(rows), self.of_keyframes.shape[2]))
-        out[:, own] = self.of_keyframes[keyframes[:, None], rows[own]]
-        if not own.all():
-            out[:, ~own, :dim] = self.of_keyframes[keyframes[:, None], :, rows[~own]]
-            out[:, ~own, dim:] = self.of_shared[rows[~own] - dim]
+        out[:, in_keyframe] = self.of_keyframes[keyframes[:, None], rows[in_keyframe]]
+        if not in_keyframe.all():
+            out[:, ~in_keyframe, :dim] = self.of_keyframes[keyframes[:, None], :, rows[~in_keyframe]]
+            out[:, ~in_keyframe, dim:] = self.of_shared[rows[~in_keyframe] - dim]
         return out
 
     def propagated(self, J: Array) -> Array:

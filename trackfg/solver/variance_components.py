@@ -148,10 +148,10 @@ def _cross(covariance: Covariance, first: np.ndarray, rows: np.ndarray, at_next:
     """Return the covariance of ``rows`` (r,) of keyframes ``first`` (m,) with columns of their next ones, whose own
     covariances with all of their keyframe and the shared variables are ``at_next`` (m, d, c).
     """
-    k, own = np.minimum(first, len(covariance.gain) - 1), rows < KEYFRAME_DIM
+    k, in_keyframe = np.minimum(first, len(covariance.gain) - 1), rows < KEYFRAME_DIM
     cross = np.empty((len(first), rows.size, at_next.shape[2]))
-    cross[:, own] = covariance.gain[k[:, None], rows[own]] @ at_next
-    cross[:, ~own] = at_next[:, rows[~own]]
+    cross[:, in_keyframe] = covariance.gain[k[:, None], rows[in_keyframe]] @ at_next
+    cross[:, ~in_keyframe] = at_next[:, rows[~in_keyframe]]
     return cross
 
 

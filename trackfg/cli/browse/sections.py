@@ -79,8 +79,8 @@ class StoredSections:
         if len(geometry) < 2:
             return None
         sections = sections_of_run(geometry, row["run"], row["start"] or NO_DATE, summary)
-        known = any(pd.notna(value).any() for value in sections.value.values())
-        return sections if known else None
+        has_values = any(pd.notna(value).any() for value in sections.value.values())
+        return sections if has_values else None
 
 
 def geometry_of(store: Store, run: str) -> tuple[pd.DataFrame, Summary]:

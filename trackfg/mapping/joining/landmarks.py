@@ -56,7 +56,7 @@ def landmarks(
     for k, node in enumerate(nodes):
         curve, curve_id = curves[node.curve], ids[node.curve]
         law, length = (curve.law_in, "length_in_m") if node.point < 2 else (curve.law_out, "length_out_m")
-        begun = law not in ("none", "unseen")
+        has_start = law not in ("none", "unseen")
         rows.append(
             {
                 "landmark_id": f"{curve_id}-{node.kind}",
@@ -64,11 +64,11 @@ def landmarks(
                 "name": "",
                 "curve_id": curve_id,
                 "sense": curve.sense,
-                "law": law if begun else "",
+                "law": law if has_start else "",
                 "chainage_m": node.chainage_m,
                 "chainage_m_sd": sd[k],
                 **_measured("radius_m", curve, "radius_m"),
-                **_measured("transition_length_m", curve, length if begun else None),
+                **_measured("transition_length_m", curve, length if has_start else None),
                 **_measured("arc_length_m", curve, "arc_length_m"),
                 **_measured("cant_mm", curve, "cant_mm"),
                 **{name: places[k, axis] for axis, name in enumerate(("east_m", "north_m", "up_m"))},

@@ -158,10 +158,10 @@ def _normal(X: Array, weight: Array) -> Array:
     """Return the inverse of the normal matrices (m, p, p); columns that are not there get no covariance."""
     A: Array = np.einsum("nmi,nm,nmj->mij", X, weight, X, optimize=True)
     size = np.sqrt(np.diagonal(A, axis1=1, axis2=2))
-    there = size > 0.0
-    size = np.where(there, size, 1.0)
-    whole = A / size[:, :, None] / size[:, None, :] + np.eye(A.shape[1]) * ~there[:, None, :]
-    inverse = np.linalg.inv(whole) * there[:, :, None] * there[:, None, :]
+    positive = size > 0.0
+    size = np.where(positive, size, 1.0)
+    whole = A / size[:, :, None] / size[:, None, :] + np.eye(A.shape[1]) * ~positive[:, None, :]
+    inverse = np.linalg.inv(whole) * positive[:, :, None] * positive[:, None, :]
     return np.asarray(inverse / size[:, :, None] / size[:, None, :])
 
 
@@ -224,9 +224,9 @@ def _most_sudden(X: Array, weight: Array, y: Array, threshold: Array) -> tuple[A
 
     outlier = gains(pull, weight, shares)
     step = gains(from_there_on(pull), from_there_on(weight), from_there_on(shares))
-    there = weight > 0.0
-    values = np.cumsum(there, axis=0)
-    step[values - there < _RUNS_BEFORE_STEP] = 0.0
+    positive = weight > 0.0
+    values = np.cumsum(positive, axis=0)
+    step[values - positive < _RUNS_BEFORE_STEP] = 0.0
     outlier[values == values[-1]] = 0.0  # at the last run it is a step
     at_step, at_outlier = step.argmax(axis=0), outlier.argmax(axis=0)
     gain_step, gain_outlier = (

@@ -188,14 +188,14 @@ def _steps(places: Series, name: str, d: Drift) -> list[dict[str, Any]]:
     for run, jump in enumerate(d.steps):
         for span in _spans(places, np.abs(jump) >= LEAST_STEP_MM):
             at = span.start + _largest(jump[span], d.step_sd[run, span])
-            after = np.isfinite(places.value[name][run:, at]) & ~d.outliers[run:, at]
+            usable = np.isfinite(places.value[name][run:, at]) & ~d.outliers[run:, at]
             rows.append(
                 {
                     **_place(places, span, at, name),
                     "date": places.dates[run].date().isoformat(),
                     "step_mm": jump[at],
                     "step_mm_sd": d.step_sd[run, at],
-                    "runs_after": int(after.sum()),
+                    "runs_after": int(usable.sum()),
                 }
             )
     return rows

@@ -148,11 +148,11 @@ class Kilometrage:
         low, high = self._extents(half).T
         among = np.searchsorted(np.sort(low), official + half, side="right")
         among = among - np.searchsorted(np.sort(high), official - half)
-        own = (low[part] <= official + half) & (high[part] >= official - half)
+        inside = (low[part] <= official + half) & (high[part] >= official - half)
         first, last = self.stretches[0], self.stretches[-1]
         beyond = (x < first.from_m) & (last.chainage_of(official) > self.end_m - half)
         beyond |= (x > self.end_m) & (first.chainage_of(official) < first.from_m + half)
-        several = ((among > own) & ~long) | beyond
+        several = ((among > inside) & ~long) | beyond
         if known.all() and not several.any():
             return texts
         return [
