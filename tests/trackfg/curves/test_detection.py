@@ -249,7 +249,7 @@ def test_errors_are_within_their_sigmas() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("model", [GOOD_TRACK, WORN_TRACK])
 def test_coverage_over_seeds(model: IrregularityModel) -> None:
-    away, sd = scored(range(10), 20_000.0, model)
+    away, sd = scored(range(10), 10_000.0, model)
     assert np.all(np.mean(np.abs(away) < 2.0 * sd, axis=0) > 0.93)
     assert np.all(np.median(np.abs(away / sd), axis=0) / 0.6745 > 0.4)
 

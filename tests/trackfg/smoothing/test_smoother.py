@@ -199,9 +199,11 @@ def test_place_of_the_sensor_is_found_in_curves(place: tuple[float, float, float
 
 
 @pytest.mark.parametrize("seed", [0, 1])
-def test_hole_of_5_s_in_the_imu(simulated: Callable[..., Simulation], seed: int) -> None:
-    run = simulated("mainline", seed=seed, duration_s=TOTAL_S)
-    whole, holed = solved(run.recording), solved(drop_imu(run.recording, 100.0, 105.0))
+def test_hole_of_5_s_in_the_imu(
+    simulated: Callable[..., Simulation], smoothed: Callable[..., SmoothedStates], seed: int
+) -> None:
+    run, whole = (f("mainline", seed=seed, duration_s=TOTAL_S) for f in (simulated, smoothed))
+    holed = solved(drop_imu(run.recording, 100.0, 105.0))
     assert_honest(run, holed)
     inside = holed.trajectory["t_s"].between(101.0, 104.0)
     for column in ("roll_rad", "pitch_rad", "yaw_rad"):
@@ -210,9 +212,11 @@ def test_hole_of_5_s_in_the_imu(simulated: Callable[..., Simulation], seed: int)
 
 
 @pytest.mark.parametrize("seed", [0, 1])
-def test_minute_without_the_tach(simulated: Callable[..., Simulation], seed: int) -> None:
-    run = simulated("mainline", seed=seed, duration_s=TOTAL_S)
-    whole, silent = solved(run.recording), solved(drop_tach(run.recording, 80.0, 140.0))
+def test_minute_without_the_tach(
+    simulated: Callable[..., Simulation], smoothed: Callable[..., SmoothedStates], seed: int
+) -> None:
+    run, whole = (f("mainline", seed=seed, duration_s=TOTAL_S) for f in (simulated, smoothed))
+    silent = solved(drop_tach(run.recording, 80.0, 140.0))
     assert_honest(run, silent)
     inside = silent.trajectory["t_s"].between(90.0, 130.0)
     sd = [s.trajectory.loc[inside, "speed_mps_sd"].mean() for s in (whole, silent)]
@@ -415,13 +419,13 @@ def test_same_recording_gives_the_same_result(simulated: Callable[..., Simulatio
 
 @pytest.mark.slow
 def test_coverage_over_seeds(simulated_in_full: Callable[..., Simulation]) -> None:
-    """The truth lies within 1.96 sd as often as it should, over 20 trolleys of 300 s in the full world.
+    """The truth lies within 1.96 sd as often as it should, over 20 trolleys of 150 s in the full world.
 
     In the world as designed roll would be covered too often: its sigma holds misalignments that are not there.
     """
     inside: dict[str, list[float]] = {column: [] for column in ("roll_rad", "speed_mps", "chainage_m")}
     for seed in range(20):
-        run = simulated_in_full("trolley", seed=seed, duration_s=300.0)
+        run = simulated_in_full("trolley", seed=seed, duration_s=150.0)
         trajectory = solved(run.recording).trajectory
         error = errors(run, trajectory)
         for column, shares in inside.items():
