@@ -28,13 +28,13 @@ TRUTH_COLUMNS = [
 
 @pytest.mark.parametrize("name", NAMES)
 def test_every_scenario_runs_and_is_read_back(name, tmp_path):
-    simulation = datasets.simulate(name, seed=1, duration_s=80.0)
+    simulation = datasets.simulate(name, seed=1, duration_s=50.0)
     assert list(simulation.truth.columns) == TRUTH_COLUMNS
     assert np.isfinite(simulation.truth.to_numpy()).all()
     asked = scenario(name)
     lost = "imu" in asked.recorders
-    assert len(simulation.recording.imu) == pytest.approx(80 * asked.imu.rate_hz, abs=50 if lost else 0)
-    assert len(simulation.truth) == 80 * 20 + 1
+    assert len(simulation.recording.imu) == pytest.approx(50 * asked.imu.rate_hz, abs=50 if lost else 0)
+    assert len(simulation.truth) == 50 * 20 + 1
     simulation.write(tmp_path / "run")
     again = read_recording(tmp_path / "run")
     assert again.imu.equals(simulation.recording.imu)
@@ -54,11 +54,11 @@ def test_a_seed_repeats_to_the_bit_and_two_differ(name):
 @pytest.mark.parametrize(
     ("name", "short_s", "long_s"),
     [
-        ("mainline-field", 200.0, 300.0),
-        ("measuring-car", 150.0, 200.0),
-        ("slippery-line-leaves", 150.0, 200.0),
-        ("shuttle", 150.0, 200.0),
-        ("axle-box", 60.0, 100.0),
+        ("mainline-field", 120.0, 150.0),
+        ("measuring-car", 70.0, 90.0),
+        ("slippery-line-leaves", 100.0, 120.0),
+        ("shuttle", 100.0, 120.0),
+        ("axle-box", 50.0, 60.0),
         ("shunting", 100.0, 200.0),
         ("trolley", 70.0, 100.0),
         ("parked", 10.0, 20.0),
@@ -110,22 +110,22 @@ def test_runs_of_one_seed_are_over_one_track():
 
 
 def test_mainline_is_a_local_train():
-    truth = datasets.simulate("mainline").truth
+    truth = datasets.simulate("mainline", duration_s=1800.0).truth
     assert 45 / 3.6 < np.ptp(truth["chainage_m"]) / truth["t_s"].iloc[-1] < 75 / 3.6
     # Where the rails dip, the body's x axis does too, and it is a little faster than the place on the designed line.
     assert 80 / 3.6 < truth["speed_mps"].max() <= 120 / 3.6 * (1.0 + 1e-4)
     stops = np.flatnonzero(np.diff((truth["speed_mps"] == 0).astype(int)) == 1)
-    assert len(stops) >= 8
+    assert len(stops) >= 4
 
 
 def test_parked_never_moves_and_no_stop_never_rests():
-    parked = datasets.simulate("parked").truth
+    parked = datasets.simulate("parked", duration_s=300.0).truth
     assert (parked["speed_mps"] == 0).all()
-    assert datasets.simulate("no-stop").truth["speed_mps"].min() > 10.0
+    assert datasets.simulate("no-stop", duration_s=600.0).truth["speed_mps"].min() > 10.0
 
 
 def test_trolley_stands_a_minute_then_walks():
-    truth = datasets.simulate("trolley").truth
+    truth = datasets.simulate("trolley", duration_s=300.0).truth
     assert (truth["speed_mps"][truth["t_s"] < 60] == 0).all()
     walking = truth["speed_mps"][truth["t_s"] > 70]
     assert walking.mean() == pytest.approx(0.92, abs=0.03)

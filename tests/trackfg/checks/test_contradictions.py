@@ -45,6 +45,12 @@ def sound() -> Recording:
     return replace(recording, description=recording.description.model_copy(update={"tach": speed}))
 
 
+@pytest.fixture(scope="module")
+def speeds() -> pd.DataFrame:
+    """What a receiver tells of its speed on that run, without errors."""
+    return ReceiverSpeeds().measured(simulate("mainline-gnss", seed=1, duration_s=300.0).ride, 300.0, None).table
+
+
 def mixed(columns: list[str], *rows: Sequence[float]) -> Spoil:
     """Write what the rows of a matrix make of a sensor's columns."""
 
@@ -215,7 +221,8 @@ def test_a_few_garbled_samples_are_no_reason_to_exchange_columns(sound: Recordin
 
 
 def test_a_recording_of_which_the_smoother_drops_every_row_is_still_diagnosed(sound: Recording) -> None:
-    estimates, findings = diagnose(replace(sound, imu=sound.imu.assign(fx_mps2=sound.imu["fx_mps2"] + 1e6)))
+    imu = sound.imu[:2000]
+    estimates, findings = diagnose(replace(sound, imu=imu.assign(fx_mps2=imu["fx_mps2"] + 1e6)))
     assert estimates.duration_s > 0.0
     assert "impossible-value" in {finding.code for finding in findings}
 
@@ -225,7 +232,7 @@ def test_a_sound_recording_is_left_alone(sound: Recording) -> None:
 
 
 @pytest.mark.parametrize("name", sorted(set(scenarios()) - {"rough-ride"}))
-@pytest.mark.parametrize(("seed", "duration_s"), [(0, 60.0), (3, 150.0)])
+@pytest.mark.parametrize(("seed", "duration_s"), [(0, 60.0), (3, 120.0)])
 def test_scenarios_are_sound(name: str, seed: int, duration_s: float) -> None:
     """Short runs are the hard ones. In the field scenario the tach's clock is indeed 0.08 s off."""
     _, findings = diagnose(simulate(name, seed=seed, duration_s=duration_s).recording)
@@ -340,9 +347,8 @@ def test_one_fix_in_the_wrong_place_is_no_wrong_direction(
     ],
 )
 def test_a_receiver_s_speed_in_another_unit_is_named(
-    sound: Recording, declared: Literal["m/s", "km/h"], factor: float, hint: str
+    sound: Recording, speeds: pd.DataFrame, declared: Literal["m/s", "km/h"], factor: float, hint: str
 ) -> None:
-    speeds = ReceiverSpeeds().measured(simulate("mainline-gnss", seed=1, duration_s=300.0).ride, 300.0, None).table
     wrong = speeds.assign(speed_mps=speeds["speed_mps"] * factor)
     part = gnss_speed_description().model_copy(update={"unit": declared})
     description = sound.description.model_copy(update={"gnss_speed": part})
@@ -356,8 +362,7 @@ def test_a_receiver_s_speed_in_another_unit_is_named(
     assert "left out" in left.findings[-1].message
 
 
-def test_a_receiver_s_speed_in_its_unit_is_left_alone(sound: Recording) -> None:
-    speeds = ReceiverSpeeds().measured(simulate("mainline-gnss", seed=1, duration_s=300.0).ride, 300.0, None).table
+def test_a_receiver_s_speed_in_its_unit_is_left_alone(sound: Recording, speeds: pd.DataFrame) -> None:
     description = sound.description.model_copy(update={"gnss_speed": gnss_speed_description()})
     for recording in (
         replace(sound, description=description, others={GNSS_SPEED_TABLE: speeds}),

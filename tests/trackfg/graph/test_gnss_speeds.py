@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -23,6 +24,7 @@ from trackfg.smoothing.smoother import smooth, smooth_states
 ANTENNA_M = (2.0, 0.5, 3.0)
 
 
+@cache
 def simulated(duration_s: float, *, delay_s: float = 0.0) -> Simulation:
     """A run with GNSS whose receiver tells its speed, too."""
     plan = scenario("mainline-gnss")
@@ -83,7 +85,7 @@ def test_a_receiver_that_is_quieter_near_rest_than_it_declares_has_no_offset() -
 
 
 def test_the_age_of_the_speeds_is_found_beside_that_of_the_positions() -> None:
-    run = simulated(300.0, delay_s=0.2)
+    run = simulated(180.0, delay_s=0.2)
     for recording in (run.recording, without_tach(run.recording)):
         smoothed = smooth_states(recording, SmoothConfig())
         states, covariance = smoothed.solution.states, smoothed.covariance
