@@ -125,7 +125,7 @@ def test_parked_never_moves_and_no_stop_never_rests():
 
 
 def test_trolley_stands_a_minute_then_walks():
-    truth = datasets.simulate("trolley", duration_s=300.0).truth
+    truth = datasets.simulate("trolley").truth
     assert (truth["speed_mps"][truth["t_s"] < 60] == 0).all()
     walking = truth["speed_mps"][truth["t_s"] > 70]
     assert walking.mean() == pytest.approx(0.92, abs=0.03)

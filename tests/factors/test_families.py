@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable
 from dataclasses import replace
+from functools import cache
 from typing import Any
 
 import gtsam
@@ -34,6 +35,7 @@ KEYFRAMES = 6
 WithBoth = Callable[[Callable[[], Any]], tuple[Any, Any]]
 
 
+@cache
 def random_states(seed: int, spread: float = 1.0) -> States:
     rng = np.random.default_rng(seed)
 
@@ -47,6 +49,7 @@ def random_states(seed: int, spread: float = 1.0) -> States:
     return States(nav, normal(KEYFRAMES, 6), odo, *shared)
 
 
+@cache
 def families(seed: int, loss: Loss | None = None) -> list[Family]:
     rng = np.random.default_rng(seed)
     all_k, first = np.arange(KEYFRAMES), np.arange(KEYFRAMES - 1)

@@ -7,6 +7,7 @@ import doctest
 import inspect
 import re
 from collections.abc import Iterator
+from functools import cache
 from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
@@ -65,6 +66,13 @@ def public(place: str) -> Any:
     return getattr(import_module(module), name) if module else import_module(name)
 
 
+@cache
+def parsed(folder: str) -> dict[str, ast.Module]:
+    """The modules of a folder by their paths."""
+    paths = sorted((ROOT / folder).rglob("*.py"))
+    return {str(path.relative_to(ROOT)): ast.parse(path.read_text(encoding="utf-8")) for path in paths}
+
+
 def docstrings(tree: ast.AST) -> Iterator[str]:
     """The docstrings of a module and of all that it defines."""
     for node in ast.walk(tree):
@@ -87,10 +95,9 @@ def undocumented(tree: ast.AST, place: str) -> Iterator[str]:
 
 @pytest.mark.parametrize("folder", FOLDERS)
 def test_everything_public_has_a_docstring(folder: str) -> None:
-    modules = sorted((ROOT / folder).rglob("*.py"))
+    modules = parsed(folder)
     assert modules
-    texts = {str(path.relative_to(ROOT)): path.read_text(encoding="utf-8") for path in modules}
-    assert [place for name, text in texts.items() for place in undocumented(ast.parse(text), name)] == []
+    assert [place for name, tree in modules.items() for place in undocumented(tree, name)] == []
 
 
 def test_what_has_no_docstring_is_named() -> None:
@@ -100,8 +107,7 @@ def test_what_has_no_docstring_is_named() -> None:
 
 def test_every_example_is_one_that_is_run() -> None:
     run = {inspect.getdoc(public(place)) for place in EXAMPLES}
-    paths = [path for folder in FOLDERS for path in (ROOT / folder).rglob("*.py")]
-    texts = (text for path in paths for text in docstrings(ast.parse(path.read_text(encoding="utf-8"))))
+    texts = (text for folder in FOLDERS for tree in parsed(folder).values() for text in docstrings(tree))
     assert [text.partition("\n")[0] for text in texts if ">>> " in text and text not in run] == []
 
 

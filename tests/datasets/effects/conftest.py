@@ -18,7 +18,7 @@ Run = Callable[..., Simulation]
 
 
 @cache
-def _run(*effects: Effect) -> Simulation:
+def _run(*effects: Effect, duration_s: float = 100.0) -> Simulation:
     plan = scenario("mainline-gnss")
     driver = plan.driver
     assert isinstance(driver, Service)
@@ -28,10 +28,10 @@ def _run(*effects: Effect) -> Simulation:
         driver=replace(driver, restrictions=None),
         effects=effects,
     )
-    return simulate(plan, seed=2, duration_s=150.0)
+    return simulate(plan, seed=2, duration_s=duration_s)
 
 
 @pytest.fixture(scope="session")
 def run() -> Run:
-    """Return the run of a train with GNSS and balises, 150 s at 200 Hz, with these effects."""
+    """Return the run of a train with GNSS and balises at 200 Hz, with these effects; 100 s, or so long as asked."""
     return _run

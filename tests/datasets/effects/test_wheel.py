@@ -82,7 +82,7 @@ def test_pulses_are_missed_and_doubled_at_the_same_rate(run):
 
 
 def test_a_weak_creep_adds_its_share_for_a_minute(run):
-    clean, creeping = run(), run(WeakCreep(0.02))
+    clean, creeping = run(duration_s=150.0), run(WeakCreep(0.02), duration_s=150.0)
     t = clean.recording.tach["t_s"].to_numpy()
     quantum = pulse_m(clean.recording.description.tach)
     added = quantum * np.rint((distance(creeping) - distance(clean)) / quantum)
@@ -109,7 +109,7 @@ def test_a_wrong_wheel_multiplies(run, factor):
 
 
 def test_a_wheelset_rolls_further_outside(run):
-    clean, wide = run(), run(CurveRolling(0.5))
+    clean, wide = run(duration_s=150.0), run(CurveRolling(0.5), duration_s=150.0)
     curvature = clean.track.line.curvature(clean.ride.motion.distance(clean.recording.tach["t_s"].to_numpy()))
     t = clean.recording.tach["t_s"].to_numpy()
     bent = np.trapezoid(np.abs(curvature * clean.ride.motion.speed(t)), t)

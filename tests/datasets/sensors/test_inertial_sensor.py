@@ -125,9 +125,8 @@ def _integrated(ride, edges, latitude_deg, lever_arm):
     steps = np.einsum("nij,nj->ni", middle, accel) * dt - np.array([0, 0, gravity(latitude_deg) * dt])
     integrated = np.empty_like(velocity)
     integrated[0] = velocity[0]
-    for k, step in enumerate(steps):
-        half = integrated[k] + 0.5 * step
-        integrated[k + 1] = integrated[k] + step - np.cross(w + turning[k], half) * dt
+    for k, (step, turn) in enumerate(zip(steps, rotations.skew(w + turning) * dt, strict=True)):
+        integrated[k + 1] = integrated[k] + step - turn @ (integrated[k] + 0.5 * step)
     travelled = position[0] + np.cumsum(0.5 * dt * (integrated[1:] + integrated[:-1]), axis=0)
     return np.abs(integrated - velocity).max(), np.abs(travelled - position[1:]).max()
 

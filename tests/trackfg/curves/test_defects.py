@@ -31,7 +31,7 @@ def line() -> Line:
 def profile(*defects: Defect) -> pd.DataFrame:
     rng = np.random.default_rng([3, 1])
     track = SimulatedTrack(line(), draw_irregularities(GOOD_TRACK, line().length_m, rng, defects), MAIN_LINE.gauge_m)
-    table = truth_geometry(track, chainage_origin_m=0.0, direction=1, s_from=0.0, s_to=line().length_m)
+    table = truth_geometry(track, chainage_origin_m=0.0, direction=1, s_from=1900.0, s_to=4700.0)
     return table[["chainage_m", "curvature_1pm", "cross_level_mm"]].assign(curvature_1pm_sd=1e-8)
 
 
@@ -88,8 +88,8 @@ def test_rows_that_are_missing_are_a_hole() -> None:
 
 def test_a_curve_with_a_hole_is_less_certain() -> None:
     curves = find_curves(holed(0.5 * (BTC + BCC), 25.0))
-    assert curves[3].sd("middle_in_m") > 2.0 * undisturbed()[3].sd("middle_in_m")
-    assert curves[1].sd("middle_in_m") == pytest.approx(undisturbed()[1].sd("middle_in_m"), rel=0.2)
+    assert curves[1].sd("middle_in_m") > 2.0 * undisturbed()[1].sd("middle_in_m")
+    assert curves[0].sd("middle_in_m") == pytest.approx(undisturbed()[0].sd("middle_in_m"), rel=0.2)
 
 
 def test_defects_of_straights_are_no_curves() -> None:

@@ -1,4 +1,4 @@
-"""Simulated runs there and back over three kilometres; and a made-up line, with runs over it that need no simulator."""
+"""Simulated runs there and back over two kilometres; and a made-up line, with runs over it that need no simulator."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from trackfg.numerics.arrays import Array
 from trackfg.results.result import Result
 from trackfg.smoothing.smoother import smooth
 
-LENGTH_M = 3000.0
+LENGTH_M = 2000.0
 
 
 @dataclass(frozen=True)
@@ -47,9 +47,9 @@ class Run:
 
 
 def short_line(**changes: Any) -> Scenario:
-    """``shuttle``, cut to three kilometres."""
+    """``shuttle``, cut to two kilometres."""
     balises = BaliseModel(spacing_m=1000.0, sd_m=0.1, places_m=(100.0, LENGTH_M - 100.0))
-    plan = replace(scenario("shuttle"), length_m=LENGTH_M, duration_s=420.0, balises=balises)
+    plan = replace(scenario("shuttle"), length_m=LENGTH_M, duration_s=300.0, balises=balises)
     return replace(plan, **changes)
 
 

@@ -76,6 +76,12 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> tuple[Recording, np.ndarray
     return driven(tmp_path_factory, seed=4)
 
 
+@pytest.fixture(scope="module")
+def alone(run: tuple[Recording, np.ndarray]) -> Result:
+    """Of the recording without a line."""
+    return smooth(run[0])
+
+
 def without_gnss(recording: Recording, start_s: float, end_s: float) -> Recording:
     assert recording.gnss is not None
     t = recording.gnss["t_s"]
@@ -134,7 +140,9 @@ def test_a_line_that_is_wrong_by_10_m_pulls_nothing(run: tuple[Recording, np.nda
 
 
 @pytest.mark.slow
-def test_a_line_that_is_wrong_over_a_part_is_used_over_the_rest(run: tuple[Recording, np.ndarray]) -> None:
+def test_a_line_that_is_wrong_over_a_part_is_used_over_the_rest(
+    run: tuple[Recording, np.ndarray], alone: Result
+) -> None:
     bent = np.array([[-100.0, 0.0], [300.0, 0.0], [350.0, 10.0], [700.0, 10.0], [750.0, 0.0], [SWITCH_M, 0.0]])
     result = smooth(run[0], known_line=network(south=bent, crossover=crossover(), north=straight(APART_M, SWITCH_M)))
     assert result.summary.line is not None
@@ -144,7 +152,6 @@ def test_a_line_that_is_wrong_over_a_part_is_used_over_the_rest(run: tuple[Recor
     assert wrong[-1].end_chainage_m < 850.0
     assert tracks(result)[0] == ("on", "south")
     assert tracks(result)[-1] == ("on", "north")
-    alone = smooth(run[0])
     moved = (result.trajectory["north_m"] - alone.trajectory["north_m"]).abs()
     assert (moved < alone.trajectory["north_m_sd"]).all()
 

@@ -11,6 +11,7 @@ import pytest
 from trackfg.datasets.scenarios import Simulation, scenario, simulate
 from trackfg.datasets.sensors.positioning import BaliseModel
 from trackfg.recording.model import Recording
+from trackfg.results.result import Result
 from trackfg.smoothing.smoother import smooth
 
 
@@ -65,16 +66,20 @@ def test_a_right_fix_stays_where_gnss_in_a_street_canyon_leads_the_run_astray() 
     assert (off < 4.0 * result.trajectory["chainage_m_sd"]).all()
 
 
-def against_the_direction(run: Simulation) -> Recording:
+@pytest.fixture(scope="module")
+def against_the_direction(run: Simulation) -> Result:
+    """Of the run whose description has the wrong direction."""
     description = run.recording.description
     track = description.track.model_copy(update={"direction": -description.track.direction})
-    return replace(run.recording, description=description.model_copy(update={"track": track}))
+    return smooth(replace(run.recording, description=description.model_copy(update={"track": track})))
 
 
-def test_fixes_that_all_contradict_each_other_are_not_counted_as_places(run: Simulation) -> None:
+def test_fixes_that_all_contradict_each_other_are_not_counted_as_places(
+    run: Simulation, against_the_direction: Result
+) -> None:
     """With the wrong direction every fix is right by itself only."""
     assert run.recording.fixes is not None
-    verdicts = {verdict.quantity: verdict for verdict in smooth(against_the_direction(run)).summary.verdicts}
+    verdicts = {verdict.quantity: verdict for verdict in against_the_direction.summary.verdicts}
     chainage = verdicts["chainage"]
     assert chainage.status == "not_trusted"
     (hint,) = (
@@ -85,9 +90,9 @@ def test_fixes_that_all_contradict_each_other_are_not_counted_as_places(run: Sim
     assert "check track.direction" in hint
 
 
-def test_geometry_that_fixes_show_to_be_seen_from_the_wrong_end_is_not_trusted(run: Simulation) -> None:
+def test_geometry_that_fixes_show_to_be_seen_from_the_wrong_end_is_not_trusted(against_the_direction: Result) -> None:
     """Left is right then, and up is down: the sigmas of a geometry that is mirrored say nothing."""
-    verdicts = {verdict.quantity: verdict for verdict in smooth(against_the_direction(run)).summary.verdicts}
+    verdicts = {verdict.quantity: verdict for verdict in against_the_direction.summary.verdicts}
     for quantity in ("cross_level", "twist", "level", "alignment", "curvature", "gradient"):
         assert verdicts[quantity].status == "not_trusted"
         assert any("set track.direction = 1" in hint for hint in verdicts[quantity].hints)

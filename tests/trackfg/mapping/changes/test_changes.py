@@ -16,6 +16,7 @@ from scipy.interpolate import make_interp_spline
 import trackfg
 from trackfg.datasets.line.defects import Defect
 from trackfg.datasets.scenarios import scenario, simulate
+from trackfg.datasets.sensors.positioning import BaliseModel
 from trackfg.geometry.curvature import curvature
 from trackfg.geometry.gradient import gradient
 from trackfg.geometry.twist import twist
@@ -354,10 +355,11 @@ def test_defects_between_simulated_runs(seed: int) -> None:
     """The other way, another wheel, another sensor; 3 mm defects of every kind are found, and nothing else."""
     every: Iterable[Any] = itertools.product(("dip", "kink", "twist"), ("both", "left", "right"), (3e-3, -3e-3))
     defects = tuple(
-        Defect(kind, at_m=500.0 + 400.0 * i, size_m=size, length_m=5.0, rail=rail)
+        Defect(kind, at_m=500.0 + 250.0 * i, size_m=size, length_m=5.0, rail=rail)
         for i, (kind, rail, size) in enumerate(every)
     )
-    plan = scenario("shuttle")
+    balises = BaliseModel(spacing_m=1000.0, sd_m=0.1, places_m=(100.0, 5400.0))
+    plan = dataclasses.replace(scenario("shuttle"), length_m=5500.0, duration_s=700.0, balises=balises)
     first = simulate(plan, seed=seed, run=0)
     later = simulate(dataclasses.replace(plan, defects=defects), seed=seed, run=7)
     base, run = trackfg.smooth(first.recording), trackfg.smooth(later.recording)
