@@ -96,7 +96,7 @@ def test_the_commands(out: Callable[[int], Path], ride: Ride, trackfg: Callable[
 def test_readme(trackfg: Callable[..., Any], tmp_path: Path) -> None:
     """The runs' description gives the roll of the mounting without a sigma, as most do."""
     for run in range(3):
-        simulated = trackfg("simulate", "mainline", "-o", tmp_path / f"run{run}", "--run", run, "--duration", 300)
+        simulated = trackfg("simulate", "mainline", "-o", tmp_path / f"run{run}", "--run", run, "--duration", 200)
         assert simulated.returncode == 0, simulated.stderr
     for run in range(2):
         smoothed = trackfg("smooth", tmp_path / f"run{run}", "-o", tmp_path / f"out{run}")
