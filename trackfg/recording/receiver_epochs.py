@@ -21,16 +21,16 @@ from trackfg.numerics.spans import median_interval
 from trackfg.recording.findings import Finding
 from trackfg.recording.model import GNSS_COLUMNS, GNSS_SPEED_COLUMNS, GNSS_SPEED_TABLE, Recording
 
-_LONGER = 1.5
+LONGER = 1.5
 """Intervals from which on a run of equal rows is longer than one: between one and two."""
-_FEWEST = 5
+FEWEST_RUNS = 5
 """Runs below which nothing shows how often the receiver measures."""
-_FASTEST_S, _SLOWEST_S = 0.04, 1.0
+_FASTEST_S, SLOWEST_S = 0.04, 1.0
 """Then a table that is written faster than the fastest receivers measure (20 Hz, and some with 25 Hz) is taken for one
 beside the slowest, s."""
 _CODES = {"gnss": "gnss-held", GNSS_SPEED_TABLE: "gnss-speed-held"}
 """Codes of the findings, by table."""
-_IN_MOTION_MPS = 1.0
+IN_MOTION_MPS = 1.0
 """Speed over a run from which on its vehicle was in motion, m/s: at rest receivers drift by some metres in ten
 seconds."""
 
@@ -50,12 +50,12 @@ def held_rows(t: Array, measured: Array, place: Array | None = None) -> np.ndarr
         moving, gone_on = measured[first, 0] > 0.0, np.zeros(len(first), dtype=bool)
     else:
         way = np.append(np.linalg.norm(np.diff(place[first], axis=0), axis=1), 0.0)
-        moving = gone_on = way > _IN_MOTION_MPS * lasts_s
+        moving = gone_on = way > IN_MOTION_MPS * lasts_s
     interval_s = _interval_s(lasts_s, moving, step_s)
-    at_rest = (lasts_s > _LONGER * interval_s) & ~gone_on
+    at_rest = (lasts_s > LONGER * interval_s) & ~gone_on
     run = np.cumsum(new) - 1
     measurement = np.floor((t - t[first][run] + 0.5 * step_s) / interval_s)
-    again = np.append(True, measurement[1:] != measurement[:-1]) | (interval_s < _LONGER * step_s)
+    again = np.append(True, measurement[1:] != measurement[:-1]) | (interval_s < LONGER * step_s)
     held: np.ndarray = ~new & ~(at_rest[run] & again)
     return held
 
@@ -99,7 +99,7 @@ def held_findings(held: Mapping[str, np.ndarray]) -> list[Finding]:
 
 def _interval_s(lasts_s: Array, moving: np.ndarray, step_s: float) -> float:
     """Return how often the receiver measures, s, by how long runs of equal rows last, in motion if there are enough."""
-    runs = lasts_s[moving] if np.count_nonzero(moving) >= _FEWEST else lasts_s
-    if len(runs) >= _FEWEST:
+    runs = lasts_s[moving] if np.count_nonzero(moving) >= FEWEST_RUNS else lasts_s
+    if len(runs) >= FEWEST_RUNS:
         return max(float(np.median(runs)), step_s)
-    return _SLOWEST_S if step_s < _FASTEST_S else step_s
+    return SLOWEST_S if step_s < _FASTEST_S else step_s

@@ -32,6 +32,7 @@ LOSS_KINDS = {
     "speed-jump": "a speed over ground above 170 m/s, or below zero although it has no sign",
     "stuck-channel": "shows one value again and again: stuck, or at the end of its range",
     "contradicted": "speeds that the receiver's positions, or the tach, contradict, as those in another unit",
+    "held": "the values of a row before again: the table is written faster than the receiver measures",
     "impossible-value": "beyond what the sensor of a rail vehicle shows, or far beyond all before",
 }
 """Kinds of events that count rows which were not passed on, and what each means."""

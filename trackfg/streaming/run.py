@@ -35,6 +35,8 @@ from trackfg.streaming.sources.source import Source
 
 _MANY_UNREADABLE = 0.01
 """A larger share of the input is a fault of the sender, not of a line here and there."""
+_NO_LOSS = ("duplicate", "held")
+"""Kinds of events that leave out what was passed on before."""
 
 
 @dataclass
@@ -60,13 +62,13 @@ class StreamCounts:
 
     def losses(self) -> list[str]:
         """Return a sentence for each table that lost more than half of its rows, and others if many were no rows at all
-        or the source is cut off. A row that came again is no loss.
+        or the source is cut off. A row, or a value, that came again is no loss.
         """
         sentences = [self.broken] if self.broken else []
         if self.unreadable > _MANY_UNREADABLE * (came := self.unreadable + self.rows_in):
             sentences.append(f"{self.unreadable} of {came} rows could not be read; the first: {self.first_unreadable}")
         for table, kinds in self.left_out.items():
-            lost = Counter({kind: number for kind, number in kinds.items() if kind != "duplicate"})
+            lost = Counter({kind: number for kind, number in kinds.items() if kind not in _NO_LOSS})
             if 2 * lost.total() > (came := self.by_table[table]) > 0:
                 why = ", ".join(f"{number} {kind}" for kind, number in lost.most_common())
                 hint = "the table events says what was expected"

@@ -1,6 +1,7 @@
 """The intake turns batches as a source gives them into sound, canonical rows in the order of time, and events.
 
-    timestamps -> reorder buffer -> faults of the IMU -> conversion -> gravity, row checks, rates, speeds -> clock jumps
+    timestamps -> reorder buffer -> faults of the IMU -> conversion
+        -> gravity, row checks, held rows, rates, speeds -> clock jumps
 
 :meth:`Intake.state` is everything that carries over from one batch to the next: an intake restored from it and given
 the batches that followed gives the same rows and events, bit by bit, as one that was never interrupted.
@@ -23,6 +24,7 @@ from trackfg.streaming.events import LossReport, motion_breaks
 from trackfg.streaming.intake.clock_jumps import ClockJumps
 from trackfg.streaming.intake.conversion import Conversion
 from trackfg.streaming.intake.gravity_check import GravityCheck
+from trackfg.streaming.intake.held_rows import HeldRows
 from trackfg.streaming.intake.imu_clock import ClockLimits
 from trackfg.streaming.intake.rate_check import RateCheck
 from trackfg.streaming.intake.reorder_buffer import ReorderBuffer
@@ -49,6 +51,7 @@ class Intake:
     speed_check: SpeedCheck
     imu_faults: ImuFaultDetector
     row_checks: RowChecks
+    held_rows: HeldRows
     clock_jumps: ClockJumps
     gnss_origin: Array | None
     report: LossReport = field(default_factory=LossReport)
@@ -77,6 +80,7 @@ class Intake:
             speed_check=SpeedCheck(checks),
             imu_faults=ImuFaultDetector.of(description.imu, checks, is_canonical=canonical),
             row_checks=RowChecks.of(description, checks),
+            held_rows=HeldRows(),
             clock_jumps=ClockJumps.of(description),
             gnss_origin=gnss_origin,
         )
@@ -139,7 +143,7 @@ class Intake:
             self.gnss_origin = self.conversion.gnss_origin
         if self.gravity_check is not None and "imu" in tables:
             self.gravity_check.take(tables["imu"], self.description.imu)
-        tables = self.row_checks.sound(tables, self.report)
+        tables = self.held_rows.without(self.row_checks.sound(tables, self.report), self.report)
         if self.rate_check is not None and "imu" in tables:
             event = self.rate_check.take(tables["imu"], tables.get("tach"), self.description.imu)
             if event is not None:

@@ -92,6 +92,7 @@ def test_a_stream_gives_what_reading_gives(variant: str, draft: Draft, tmp_path:
         draft.toml[part] = {k: v for k, v in {**draft.toml[part], **changes}.items() if v is not None}
     if variant == "speed":
         draft["tach"]["count"] = 20.0 + 10.0 * np.sin(draft["tach"]["t"] / 7.0)
+        draft["gnss"]["height_m"] += 0.01 * np.arange(len(draft["gnss"]))  # they would be held: the run begins at rest
     if variant == "local positions":
         draft["gnss"][["lat_deg", "lon_deg", "height_m"]] -= [35.2, 139.0, 0.0]
     folder = draft.write(tmp_path / "rec")
