@@ -266,7 +266,7 @@ def test_readers_see_one_result_while_it_is_replaced_again_and_again(make_result
         from dataclasses import replace
         from trackfg.results.result import Result
         first = Result.read(sys.argv[1])
-        for n in range(1, 150):
+        for n in range(1, 50):
             summary = first.summary.model_copy(update={"keyframes": n})
             events = first.events.assign(start_s=float(n))
             trajectory = first.trajectory.iloc[:1].assign(t_s=float(n))
