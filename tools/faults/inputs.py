@@ -17,12 +17,14 @@ from interchange import foreign_forms
 
 from faults.entries import ENTRIES
 from faults.runner import Conditions, run
-from trackfg.datasets.scenarios import Simulation, scenario, simulate
+from trackfg.datasets.scenarios import Scenario, Simulation, scenario, simulate
 from trackfg.io.reader import read_recording
 from trackfg.streaming.rows import raw_columns
 
 DURATION_S = 40.0
 """Length of the recordings, s: a standstill, a start and a piece of curved track."""
+RATE_HZ = 50.0
+"""Rate of their inertial sensors, Hz: rows are what reading and checking take time for."""
 FOREIGN_S = 15.0
 """Length of the logs of other systems, s."""
 REST_S, REST_RATE_HZ = 80.0, 20.0
@@ -112,7 +114,7 @@ places = "places.csv"
 def make_inputs(folder: Path) -> None:
     """Write the sound inputs of every entry, and check that what is made of others ends well."""
     for number in range(3):
-        made = simulate(scenario("mainline-gnss"), seed=0, run=number, duration_s=MAPPED_S)
+        made = simulate(_slow("mainline-gnss"), seed=0, run=number, duration_s=MAPPED_S)
         made.write(folder / f"run{number}")
         _pass_balises(made, folder / f"run{number}")
         _begin_in_month(number + 1, folder / f"run{number}" / "recording.toml")
@@ -150,11 +152,11 @@ def make_inputs(folder: Path) -> None:
 
 def _recordings(folder: Path) -> None:
     """Write short recordings in every form."""
-    simulate(scenario("mainline"), seed=2, duration_s=DURATION_S).write(folder / "rec")
-    simulate(scenario("measuring-car"), seed=2, duration_s=DURATION_S / 2.0).write(folder / "car")
-    made = simulate(scenario("mainline-gnss"), seed=0, duration_s=DURATION_S)
+    simulate(_slow("mainline"), seed=2, duration_s=DURATION_S).write(folder / "rec")
+    simulate(_slow("measuring-car"), seed=2, duration_s=DURATION_S / 2.0).write(folder / "car")
+    made = simulate(_slow("mainline-gnss"), seed=0, duration_s=DURATION_S)
     made.write(folder / "gnss")
-    moving = simulate(scenario("no-stop"), seed=0, duration_s=DURATION_S / 2.0)
+    moving = simulate(_slow("no-stop"), seed=0, duration_s=DURATION_S / 2.0)
     moving.write(folder / "passed")
     _pass_balises(moving, folder / "passed")
     _place_fixes(made, folder / "gnss")
@@ -162,6 +164,12 @@ def _recordings(folder: Path) -> None:
     _as_json_lines(folder / "rec", folder / "rows.jsonl")
     if "mcap" in {entry.name for entry in ENTRIES}:
         _as_mcap(folder / "rows.jsonl", folder / "rows.mcap")
+
+
+def _slow(name: str) -> Scenario:
+    """Return a scenario with inertial sensors of few rows."""
+    plan = scenario(name)
+    return replace(plan, imu=replace(plan.imu, rate_hz=RATE_HZ))
 
 
 def _begin_in_month(month: int, description: Path) -> None:
@@ -205,7 +213,7 @@ def _logs(folder: Path) -> None:
     rest = pd.DataFrame(noise + np.array([0.0, 0.0, 0.0, 0.0, 0.0, 9.8]), columns=log.columns[1:7])
     rest.insert(0, "t_s", np.arange(len(rest)) / REST_RATE_HZ)
     rest.assign(temp_degC=25.0 + 0.01 * rest["t_s"]).to_csv(folder / "rest.csv", index=False)
-    made = simulate(scenario("mainline-gnss"), seed=0, duration_s=FOREIGN_S).recording
+    made = simulate(_slow("mainline-gnss"), seed=0, duration_s=FOREIGN_S).recording
     assert made.tach is not None
     distance = made.tach.set_axis(["t_s", "distance_m"], axis=1)
     drive = foreign_forms.Drive.of(replace(made, tach=distance))

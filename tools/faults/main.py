@@ -35,6 +35,8 @@ from faults import server
 from faults.cases import BY_NAME, KINDS, Base, Case, Outcome, case_of, outcome, smallest
 from faults.database import SOUND
 from faults.inputs import make_inputs, run_sound
+from trackfg.numerics.blas_threads import one_thread
+from trackfg.report.sources import write_report
 
 _FOR_COMMANDS = (
     "trackfg.baselines.complementary",
@@ -84,6 +86,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="faults-base-")))
         os.chmod(folder, 0o755)
         make_inputs(folder)
+        write_report(folder / "result", folder / "page.html").unlink()  # packs plotly, compiles the template: both kept
+        with one_thread():  # looks for the libraries of linear algebra, and keeps what it finds
+            pass
         running = None
         if any(BY_NAME[name].database for name in options.entries):
             running = stack.enter_context(server.running_server())
