@@ -18,7 +18,7 @@ from trackfg.streaming.rows import Rows
 from trackfg.streaming.sources.source import Batch
 
 WHEN_S, END_S = 10.0, 20.0
-IMU_S, TACH_S, QUANTUM_M = 0.005, 0.02, 0.03
+IMU_S, TACH_S, QUANTUM_M = 0.01, 0.02, 0.03
 Tables = dict[str, Array]
 
 
