@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 import pandas as pd
 import pytest
 
 from trackfg.config import KeyframeConfig, SmoothConfig
-from trackfg.datasets.scenarios import Simulation, simulate
+from trackfg.datasets.scenarios import Simulation, scenario, simulate
+from trackfg.datasets.vehicle.driving import Service
 from trackfg.numerics.spans import subtract
 from trackfg.results.events import Event
 from trackfg.streaming.events import motion_breaks
@@ -18,13 +20,15 @@ from trackfg.streaming.intake.intake import Intake
 from trackfg.streaming.rows import RowTables
 from trackfg.streaming.sources.source import Batch, RecordingSource
 
-WHEN_S, OFF_S = 70.0, 12.0
+WHEN_S, OFF_S = 45.0, 12.0
 TWICE_A_SECOND = SmoothConfig(keyframes=KeyframeConfig(interval_s=0.5))
 
 
 @pytest.fixture(scope="module")
 def run() -> Simulation:
-    return simulate("mainline-gnss", seed=3, duration_s=115.0)
+    plan = scenario("mainline-gnss")
+    assert isinstance(plan.driver, Service)
+    return simulate(replace(plan, driver=replace(plan.driver, start_rest_s=10.0)), seed=3, duration_s=90.0)
 
 
 def streamed(run: Simulation, batches: Iterator[Batch]) -> tuple[pd.DataFrame, list[str]]:

@@ -131,31 +131,33 @@ def streamed(recording: Recording) -> list[Estimates]:
     return [*pieces, smoother.put(intake.finish()[0]), smoother.finish()]
 
 
-def smoothed(recording: Recording) -> pd.DataFrame:
-    return pd.concat([piece.smoothed for piece in streamed(recording)])
+@pytest.fixture(scope="module")
+def clean(run: Simulation) -> list[Estimates]:
+    return streamed(run.recording)
 
 
 @pytest.mark.slow
-def test_a_street_canyon_is_not_followed_at_its_declared_sigmas(run: Simulation) -> None:
+def test_a_street_canyon_is_not_followed_at_its_declared_sigmas(run: Simulation, clean: list[Estimates]) -> None:
     assert run.recording.gnss is not None
     gnss = run.recording.gnss.copy()
     inside = gnss["t_s"].between(*CANYON)
     gnss.loc[inside, ["east_m", "north_m"]] += 8.0
-    table, clean = (smoothed(replace(run.recording, gnss=rows)) for rows in (gnss, run.recording.gnss))
+    canyon = streamed(replace(run.recording, gnss=gnss))
+    table, right = (pd.concat([piece.smoothed for piece in pieces]) for pieces in (canyon, clean))
     error = {}
     for name in ("east_m", "north_m", "chainage_m"):
-        off = table[name].to_numpy() - np.interp(table["t_s"], clean["t_s"], clean[name])
+        off = table[name].to_numpy() - np.interp(table["t_s"], right["t_s"], right[name])
         error[name] = np.abs(off) / table[f"{name}_sd"]
     assert max(values.max() for values in error.values()) < 4.0
 
 
 @pytest.mark.slow
-def test_east_and_north_exchanged_are_a_doubt_of_the_stream() -> None:
-    run = simulate("mainline-gnss", seed=1, duration_s=180.0).recording
-    assert run.gnss is not None
-    exchanged = run.gnss.rename(columns={"east_m": "north_m", "north_m": "east_m"})
+def test_east_and_north_exchanged_are_a_doubt_of_the_stream(run: Simulation, clean: list[Estimates]) -> None:
+    assert run.recording.gnss is not None
+    gnss = run.recording.gnss.rename(columns={"east_m": "north_m", "north_m": "east_m"})
+    exchanged = streamed(replace(run.recording, gnss=gnss))
     said = [
-        [event.detail for event in estimates.events if "GNSS positions" in event.detail]
-        for estimates in (streamed(replace(run, gnss=gnss))[-1] for gnss in (run.gnss, exchanged))
+        [event.detail for event in pieces[-1].events if "GNSS positions" in event.detail]
+        for pieces in (clean, exchanged)
     ]
     assert [len(details) for details in said] == [0, 1]
