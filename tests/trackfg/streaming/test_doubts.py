@@ -35,7 +35,7 @@ def test_a_doubt_is_new_once_whatever_its_factor() -> None:
 
 @pytest.mark.slow
 def test_a_stream_says_early_that_its_clock_is_off(simulated_in_full: Callable[..., Simulation]) -> None:
-    recording = simulated_in_full("mainline-gnss", seed=1, duration_s=180.0).recording
+    recording = simulated_in_full("mainline-gnss", seed=1, duration_s=150.0).recording
     assert recording.gnss is not None
     late = replace(recording, gnss=recording.gnss.assign(t_s=recording.gnss["t_s"] + 2.0))
     smoother, events = FixedLagSmoother(recording.description, lag_s=10.0), []

@@ -27,11 +27,12 @@ from trackfg.streaming.sources.source import RecordingSource
 from trackfg.streaming.window import running_window, starting_window
 from trackfg.streaming.window.window import Window
 
-RUN = simulate("mainline", seed=3, duration_s=90.0)
+RUN = simulate("mainline", seed=3, duration_s=75.0)
 AT_S = 45.0
+Tables = tuple[pd.DataFrame, pd.DataFrame, pd.DataFrame, list[Event]]
 
 
-def streamed(batch_s: float | None = None) -> tuple[pd.DataFrame, pd.DataFrame, pd.DataFrame, list[Event]]:
+def streamed(batch_s: float | None = None) -> Tables:
     source = RecordingSource(RUN.recording, batch_s=batch_s)
     smoother = FixedLagSmoother(source.description, SmoothConfig(keyframes=KeyframeConfig(interval_s=0.5)), lag_s=5.0)
     intake, out = Intake.of(source), list[Estimates]()
@@ -40,6 +41,11 @@ def streamed(batch_s: float | None = None) -> tuple[pd.DataFrame, pd.DataFrame, 
     out += [smoother.put(intake.finish()[0]), smoother.finish()]
     tables = (pd.concat([one[i] for one in out if len(one[i])], ignore_index=True) for i in range(3))
     return *tables, [event for one in out for event in one.events]
+
+
+@pytest.fixture(scope="module")
+def undisturbed() -> Tables:
+    return streamed()
 
 
 @pytest.fixture
@@ -73,8 +79,7 @@ def close(ours: pd.DataFrame, undisturbed: pd.DataFrame, name: str, sigmas: floa
     assert away.max() < sigmas, name
 
 
-def test_the_front_takes_over_from_the_tip(failing: Callable[..., None]) -> None:
-    undisturbed = streamed()
+def test_the_front_takes_over_from_the_tip(failing: Callable[..., None], undisturbed: Tables) -> None:
     failing(2)
     ours = streamed()
     assert [event.kind for event in ours[3]] == [event.kind for event in undisturbed[3]]
@@ -84,8 +89,7 @@ def test_the_front_takes_over_from_the_tip(failing: Callable[..., None]) -> None
             close(mine, other, name, 0.3)
 
 
-def test_the_whole_window_takes_over_from_the_front(failing: Callable[..., None]) -> None:
-    undisturbed = streamed()
+def test_the_whole_window_takes_over_from_the_front(failing: Callable[..., None], undisturbed: Tables) -> None:
     failing(10)
     ours = streamed()
     told = [event for event in ours[3] if event.kind == "by-window"]
@@ -99,8 +103,7 @@ def test_the_whole_window_takes_over_from_the_front(failing: Callable[..., None]
             close(mine, other, name, 3.0)
 
 
-def test_a_new_window_begins_where_no_batch_helps(failing: Callable[..., None]) -> None:
-    undisturbed = streamed()
+def test_a_new_window_begins_where_no_batch_helps(failing: Callable[..., None], undisturbed: Tables) -> None:
     failing(1000, batches=True)
     ours = streamed()
     told = [event for event in ours[3] if event.kind == "restarted"]
@@ -117,9 +120,10 @@ def test_a_new_window_begins_where_no_batch_helps(failing: Callable[..., None]) 
     assert late["chainage_m_sd"].max() < 20.0
 
 
-def test_a_settled_step_is_kept_where_the_batch_solution_fails(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_settled_step_is_kept_where_the_batch_solution_fails(
+    monkeypatch: pytest.MonkeyPatch, undisturbed: Tables
+) -> None:
     """Every window looks as if the wheel slipped, and so is compared with a batch solution, which fails."""
-    undisturbed = streamed()
     failures = 0
 
     def fail(problem: Any, config: Any) -> Any:
@@ -246,11 +250,12 @@ def test_the_batch_solvers_work_on_rows_in_random_order_is_bounded(monkeypatch: 
 
 
 @pytest.mark.slow
-def test_a_vehicle_that_waits_with_unknown_heading_is_not_begun_anew() -> None:
+def test_a_vehicle_that_waits_with_unknown_heading_is_not_begun_anew(monkeypatch: pytest.MonkeyPatch) -> None:
     """At the platform no row tells the heading, however many there are."""
+    monkeypatch.setattr(running_window, "_MOST_DAMPED", 2000)
     plan = scenario("mainline-gnss")
     assert isinstance(plan.driver, Service)
-    run = simulate(replace(plan, driver=replace(plan.driver, start_rest_s=90.0)), seed=6, duration_s=120.0)
+    run = simulate(replace(plan, driver=replace(plan.driver, start_rest_s=40.0)), seed=6, duration_s=70.0)
     source = RecordingSource(run.recording, batch_s=1.0)
     smoother, intake, events = FixedLagSmoother(source.description), Intake.of(source), list[Event]()
     for push in source:

@@ -18,6 +18,7 @@ from trackfg.datasets.scenarios import simulate
 from trackfg.errors import BadInputError
 from trackfg.evaluation.geometry_errors import geometry_errors
 from trackfg.results.columns import GEOMETRY_COLUMNS, TRAJECTORY_COLUMNS
+from trackfg.results.result import Result
 from trackfg.streaming.fixed_lag import FixedLagSmoother
 from trackfg.streaming.intake.intake import Intake
 from trackfg.streaming.sources.source import RecordingSource
@@ -32,16 +33,27 @@ def at(table: pd.DataFrame, name: str, t: np.ndarray) -> np.ndarray:
 
 @pytest.fixture(scope="module")
 def run() -> Any:
-    return simulate("mainline-gnss", seed=3, duration_s=120.0)
+    """A train that stands for 10 s, then moves with GNSS."""
+    plan = scenario("mainline-gnss")
+    return simulate(replace(plan, driver=replace(plan.driver, start_rest_s=10.0)), seed=1, duration_s=90.0)
 
 
-def test_a_lag_as_long_as_the_run_is_the_batch(stream: Callable[..., Any], run: Any) -> None:
-    ours = stream(run.recording, lag_s=1000.0)
-    batch = smooth(run.recording, SmoothConfig(keyframes=KeyframeConfig(interval_s=0.5))).trajectory
+@pytest.fixture(scope="module")
+def ours(stream: Callable[..., Any], run: Any) -> Any:
+    return stream(run.recording, lag_s=20.0)
+
+
+@pytest.fixture(scope="module")
+def batch(run: Any) -> Result:
+    return smooth(run.recording, SmoothConfig(keyframes=KeyframeConfig(interval_s=0.5)))
+
+
+def test_a_lag_as_long_as_the_run_is_the_batch(stream: Callable[..., Any], run: Any, batch: Result) -> None:
+    ours, theirs = stream(run.recording, lag_s=1000.0), batch.trajectory
     t = ours.smoothed["t_s"].to_numpy()
     for name in ATTITUDE:
-        sd = at(batch, f"{name}_sd", t)
-        away = (ours.smoothed[name].to_numpy() - at(batch, name, t)) / sd
+        sd = at(theirs, f"{name}_sd", t)
+        away = (ours.smoothed[name].to_numpy() - at(theirs, name, t)) / sd
         assert np.sqrt(np.mean(away**2)) < 0.15, name
         np.testing.assert_allclose(np.median(ours.smoothed[f"{name}_sd"] / sd), 1.0, rtol=0.05)
 
@@ -74,8 +86,7 @@ def test_how_rows_are_grouped_makes_no_difference(stream: Callable[..., Any]) ->
         pd.testing.assert_frame_equal(one, other, check_exact=True)
 
 
-def test_tables(stream: Callable[..., Any], run: Any) -> None:
-    ours = stream(run.recording, lag_s=10.0)
+def test_tables(ours: Any, run: Any) -> None:
     assert tuple(ours.filtered) == tuple(ours.smoothed) == TRAJECTORY_COLUMNS
     assert tuple(ours.geometry) == ("t_s", *GEOMETRY_COLUMNS)
     np.testing.assert_allclose(np.diff(ours.smoothed["t_s"]), 0.1, atol=1e-9)
@@ -84,9 +95,8 @@ def test_tables(stream: Callable[..., Any], run: Any) -> None:
     assert (np.diff(ours.filtered["t_s"]) > 0.0).all()
 
 
-def test_errors_are_within_their_sigmas_and_shrink_with_the_lag(stream: Callable[..., Any], run: Any) -> None:
-    ours, truth = stream(run.recording, lag_s=20.0), run.truth
-    rms = {}
+def test_errors_are_within_their_sigmas_and_shrink_with_the_lag(ours: Any, run: Any) -> None:
+    truth, rms = run.truth, {}
     for what, table in (("filtered", ours.filtered), ("smoothed", ours.smoothed)):
         t = table["t_s"].to_numpy()
         for name in ("speed_mps", "roll_rad", "pitch_rad"):
@@ -96,9 +106,7 @@ def test_errors_are_within_their_sigmas_and_shrink_with_the_lag(stream: Callable
     assert rms["smoothed", "speed_mps"] < rms["filtered", "speed_mps"]
 
 
-def test_twist_is_as_good_as_the_batch_smoothers(stream: Callable[..., Any], run: Any) -> None:
-    batch = smooth(run.recording, SmoothConfig(keyframes=KeyframeConfig(interval_s=0.5)))
-    ours = stream(run.recording, lag_s=20.0)
+def test_twist_is_as_good_as_the_batch_smoothers(ours: Any, batch: Result, run: Any) -> None:
     rms = []
     for geometry, trajectory in ((ours.geometry, ours.smoothed), (batch.geometry, batch.trajectory)):
         errors = geometry_errors(geometry, trajectory, run.truth, run.truth_geometry)["twist_mm"].dropna()

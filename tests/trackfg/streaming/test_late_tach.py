@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from trackfg.datasets.scenarios import simulate
+from trackfg.datasets.scenarios import scenario, simulate
 from trackfg.recording.model import Recording
 from trackfg.sensors.tach import read_wheel
 from trackfg.streaming.fixed_lag import Estimates, FixedLagSmoother
@@ -49,7 +49,7 @@ def json_lines(recording: Recording) -> bytes:
 
 @pytest.fixture(scope="module")
 def run() -> Any:
-    return simulate("mainline", seed=3, duration_s=100.0)
+    return simulate("mainline", seed=3, duration_s=60.0)
 
 
 @pytest.mark.parametrize("signed", [False, True])
@@ -90,7 +90,8 @@ def test_json_lines_whose_tach_is_absent_at_first(run: Any, signed: bool) -> Non
 
 
 def test_with_gnss_the_stream_begins_at_once_and_takes_the_tach_up(stream: Callable[..., Any]) -> None:
-    run = simulate("mainline-gnss", seed=3, duration_s=100.0)
+    plan = scenario("mainline-gnss")
+    run = simulate(replace(plan, driver=replace(plan.driver, start_rest_s=10.0)), seed=3, duration_s=85.0)
     whole, late = (stream(with_tach_from(run.recording, t), lag_s=5.0) for t in (0.0, LATE_S))
     assert late.filtered["t_s"].iloc[0] == pytest.approx(10.0, abs=0.1)
     assert not [event for event in late.events if event.kind == "no-speed"]

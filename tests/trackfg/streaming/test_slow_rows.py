@@ -13,7 +13,7 @@ from trackfg.datasets.scenarios import simulate
 
 
 def test_a_tach_that_is_read_once_a_second_measures_the_way(stream: Callable[..., Any]) -> None:
-    run = simulate("mainline", seed=3, duration_s=120.0)
+    run = simulate("mainline", seed=3, duration_s=90.0)
     tach = run.recording.tach
     assert tach is not None
     second = tach[np.diff(np.floor(tach["t_s"] + 0.4), prepend=-1.0) > 0.0].reset_index(drop=True)

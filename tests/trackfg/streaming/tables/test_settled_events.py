@@ -11,6 +11,7 @@ import pandas as pd
 import pytest
 
 from trackfg import smooth
+from trackfg.config import SmoothConfig
 from trackfg.datasets.faults import drop_imu, drop_tach, slip_wheel
 from trackfg.datasets.scenarios import Simulation, simulate
 from trackfg.datasets.vehicle.adhesion import WheelSlip
@@ -50,7 +51,7 @@ def twice(t: pd.Series) -> float:
 @pytest.fixture(scope="module")
 def slipping() -> Simulation:
     """A slip, and a slide that is longer than a piece, and than the lag."""
-    run = simulate("mainline", seed=2, duration_s=150.0)
+    run = simulate("mainline", seed=2, duration_s=125.0)
     return slip_wheel(run, [WheelSlip(62.0, 3.0, 0.3), WheelSlip(85.0, 16.0, -0.25)])
 
 
@@ -87,7 +88,7 @@ def test_how_rows_are_grouped_makes_no_difference(
 
 
 def test_holes_are_told(stream: Callable[..., Any]) -> None:
-    recording = simulate("mainline", seed=2, duration_s=120.0).recording
+    recording = simulate("mainline", seed=2, duration_s=105.0).recording
     events = table_of(stream(drop_tach(drop_imu(recording, 60.0, 62.0), 80.0, 95.0), lag_s=8.0).events)
     events = events.set_index("kind")
     assert events.index.tolist() == ["standstill", "imu gap", "tach gap"]
@@ -96,10 +97,10 @@ def test_holes_are_told(stream: Callable[..., Any]) -> None:
 
 
 def test_a_tach_that_falls_silent_for_good_is_a_gap_up_to_the_end(stream: Callable[..., Any]) -> None:
-    recording = simulate("mainline", seed=0, duration_s=100.0).recording
-    dead, ends_earlier = (stream(drop_tach(recording, since, 100.1), lag_s=8.0).events for since in (70.0, 97.0))
+    recording = simulate("mainline", seed=0, duration_s=70.0).recording
+    dead, ends_earlier = (stream(drop_tach(recording, since, 70.1), lag_s=8.0).events for since in (45.0, 67.0))
     ((gap_s, gap_until_s),) = [(event.t_s, event.until_s) for event in dead if event.kind == "tach gap"]
-    assert (gap_s, gap_until_s) == pytest.approx((70.0, 100.0), abs=0.05)
+    assert (gap_s, gap_until_s) == pytest.approx((45.0, 70.0), abs=0.05)
     assert "tach gap" not in {event.kind for event in ends_earlier}
 
 
@@ -109,7 +110,7 @@ def test_fixes_are_used_or_set_aside(stream: Callable[..., Any]) -> None:
     assert len(recording.fixes) > 2
     fixes = recording.fixes.copy()
     fixes.loc[1, "chainage_m"] += 100.0
-    events = table_of(stream(replace(recording, fixes=fixes), lag_s=10.0).events)
+    events = table_of(stream(replace(recording, fixes=fixes), lag_s=10.0, config=SmoothConfig()).events)
     used, aside = (events[events["kind"] == f"fix {what}"] for what in ("used", "set aside"))
     np.testing.assert_allclose(aside["start_s"], fixes["t_s"][[1]], atol=0.01)
     np.testing.assert_allclose(used["start_s"], fixes["t_s"].drop(1), atol=0.01)
@@ -120,7 +121,7 @@ def test_gnss_outliers_are_runs(stream: Callable[..., Any]) -> None:
     assert recording.gnss is not None
     gnss = recording.gnss.copy()
     gnss.loc[76:88, "east_m"] += 60.0
-    events = stream(replace(recording, gnss=gnss), lag_s=8.0).events
+    events = stream(replace(recording, gnss=gnss), lag_s=8.0, config=SmoothConfig()).events
     aside = [event for event in events if event.kind == "gnss set aside" and 75.0 < (event.t_s or 0.0) < 90.0]
     assert [(event.t_s, event.until_s) for event in aside] == [pytest.approx((76.0, 88.0), abs=0.01)]
     assert aside[0].detail.startswith("13 positions")
@@ -130,28 +131,29 @@ def test_gnss_outliers_are_runs(stream: Callable[..., Any]) -> None:
 def test_a_tach_that_is_stuck_for_long_is_told_in_parts(
     stream: Callable[..., Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("trackfg.streaming.tables.settled_events.LONGEST_S", 20.0)
-    recording = simulate("mainline-gnss", seed=2, duration_s=150.0).recording
+    monkeypatch.setattr("trackfg.streaming.tables.settled_events.LONGEST_S", 15.0)
+    recording = simulate("mainline-gnss", seed=2, duration_s=120.0).recording
     assert recording.tach is not None
     tach = recording.tach.copy()
     tach["distance_m"] = np.where(
         tach["t_s"] > 70.0, np.interp(70.0, tach["t_s"], tach["distance_m"]), tach["distance_m"]
     )
-    events = table_of(stream(replace(recording, tach=tach), lag_s=8.0).events)
+    events = table_of(stream(replace(recording, tach=tach), lag_s=8.0, config=SmoothConfig()).events)
     slides = events[events["kind"] == "slide"]
     assert len(slides) > 2
     assert slides["start_s"].min() == pytest.approx(70.0, abs=1.5)
-    assert slides["end_s"].max() == pytest.approx(150.0, abs=1.5)
+    assert slides["end_s"].max() == pytest.approx(120.0, abs=1.5)
     between = slides["start_s"].to_numpy()[1:] - slides["end_s"].to_numpy()[:-1]
     np.testing.assert_allclose(between, 0.1, atol=0.11)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", [0, 1])
+@pytest.mark.parametrize("seed", [1, 2])
 def test_recall_and_precision_are_those_of_the_batch_smoother(stream: Callable[..., Any], seed: int) -> None:
-    run = simulate("slippery-line-leaves", seed=seed, duration_s=700.0)
+    run = simulate("slippery-line-leaves", seed=seed, duration_s=300.0)
     slips = run.slips.astype({"start_s": float, "end_s": float, "peak_creep": float})
     batch = score_slips(smooth(run.recording).events, slips, run.truth)
-    ours = score_slips(table_of(stream(run.recording, lag_s=10.0).events), slips, run.truth)
+    events = stream(run.recording, lag_s=10.0, batch_s=2.0, config=SmoothConfig()).events
+    ours = score_slips(table_of(events), slips, run.truth)
     assert len(ours.found) >= len(batch.found) - 1  # a slip of 0.1 m is at the edge of what shows
     assert ours.precision >= batch.precision - 0.05
