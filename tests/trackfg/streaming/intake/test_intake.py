@@ -42,7 +42,7 @@ def joined(batches: Iterable[Rows]) -> Rows:
     return Rows.of(tables, batches[-1].until_s, origins[0] if origins else None)
 
 
-def raw_batches(draft: Draft, description: RecordingDescription, batch_s: float = 0.1) -> Iterator[Batch]:
+def raw_batches(draft: Draft, description: RecordingDescription, batch_s: float = 0.5) -> Iterator[Batch]:
     """The draft's tables as the sensors send them, each row at its time on the common clock."""
     tables, offsets = {}, {}
     for name, (time, *columns) in raw_columns(description).items():
@@ -136,7 +136,7 @@ def test_an_intake_goes_on_from_its_state(canonical: bool, cut: int, draft: Draf
     draft.toml["imu"]["stamp"] = "start"
     draft["tach"].loc[300:, "count"] -= 100
     description = RecordingDescription.model_validate(draft.toml)
-    batches = list(raw_batches(draft, description, 0.5))
+    batches = list(raw_batches(draft, description))
     if canonical:
         del draft.tables["tach.csv"], draft.toml["tach"]
         recording = read_recording(draft.write(tmp_path / "rec"))
