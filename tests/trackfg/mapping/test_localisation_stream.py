@@ -38,8 +38,11 @@ def streamed(recording: Recording, feature_map: FeatureMap) -> Streamed:
     return Streamed(*tables, [event.kind for piece in pieces for event in piece.events])
 
 
-def with_fixes(recording: Recording, count: int, from_s: float = 0.0) -> Recording:
-    imu, tach = (table[table["t_s"] > from_s].reset_index(drop=True) for table in (recording.imu, recording.tach))
+def with_fixes(recording: Recording, count: int, from_s: float = 0.0, until_s: float = 300.0) -> Recording:
+    imu, tach = (
+        table[table["t_s"].between(from_s, until_s, inclusive="right")].reset_index(drop=True)
+        for table in (recording.imu, recording.tach)
+    )
     if count:
         return replace(recording, imu=imu, tach=tach, fixes=recording.fixes.iloc[:count])
     described = recording.description.model_copy(update={"fixes": None})
@@ -87,7 +90,7 @@ def test_without_any_fix_it_finds_itself(line_map: FeatureMap, ride: Ride, numbe
 
 
 def test_on_another_line_it_is_never_located(line_map: FeatureMap, ride: Ride) -> None:
-    ours = streamed(with_fixes(ride(0, seed=4).simulation.recording, 0), line_map)
+    ours = streamed(with_fixes(ride(0, seed=4).simulation.recording, 0, until_s=240.0), line_map)
     assert not {"located", "landmark used", "landmark set aside", "lost"}.intersection(ours.kinds)
     assert (ours.smoothed["chainage_m_sd"] > 1e4).all()
 
