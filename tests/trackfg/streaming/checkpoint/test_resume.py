@@ -62,7 +62,8 @@ def run(source: Source, intake: Intake, sink: ParquetParts, saved: Path, *, ever
         rows, events = intake.push(batch)
         sink.write("filtered", rows.frame("imu"))
         sink.write("smoothed", rows.frame("tach"))
-        sink.write("events", event_table(events))
+        if events:
+            sink.write("events", event_table(events))
         if count % every == 0:
             checkpoint = Checkpoint({}, sink.checkpoint(), batch.position, intake.state())
             saved.write_bytes(b"".join(checkpoint.to_bytes()))
