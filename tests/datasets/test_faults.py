@@ -20,7 +20,7 @@ def test_dropped_spans_are_gone():
     assert len(recording.imu) == 60 * 200
 
 
-def test_a_wheel_slips_by_what_it_is_told_and_else_rolls_as_before():
+def test_a_wheel_slips_by_what_is_asked_and_else_rolls_as_before():
     run = datasets.simulate("mainline", seed=2, duration_s=120.0)
     slipped = datasets.slip_wheel(run, [WheelSlip(90.0, 5.0, -1.0), WheelSlip(60.0, 10.0, 0.2)])
     before, after = run.recording.tach, slipped.recording.tach

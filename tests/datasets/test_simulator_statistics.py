@@ -223,7 +223,7 @@ def on_a_wheelset():
     return datasets.simulate(plan, seed=4, duration_s=100.0, truth_rate_hz=200.0)
 
 
-def test_trajectory_and_geometry_tell_of_one_track(on_a_wheelset):
+def test_trajectory_and_geometry_are_of_one_track(on_a_wheelset):
     """Cross-level from roll; gradient, curvature, versine from heights and headings of the trajectory."""
     run, geometry = on_a_wheelset, on_a_wheelset.truth_geometry.dropna()
     x = geometry["chainage_m"].to_numpy()

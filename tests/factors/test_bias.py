@@ -54,9 +54,9 @@ def test_what_the_calibration_does_not_explain_is_the_walk() -> None:
 
 def test_scale_factors_are_on_the_diagonal_and_gravity_on_z_is_a_bias() -> None:
     """A turn about z reaches the gyro's z by its scale factor, its x and y by misalignments; f_z reaches nothing."""
-    pull, scale, askew, felt, rectified = 1e-3, 2e-3, 6e-4, 1e-5, 5e-3
+    pull, scale, askew, sensed, rectified = 1e-3, 2e-3, 6e-4, 1e-5, 5e-3
     turning = 3e-5
-    sigma = response_sigmas(pull, scale, askew, felt, rectified, turning)
+    sigma = response_sigmas(pull, scale, askew, sensed, rectified, turning)
     assert sigma.shape == (Kind.IMU.dim,)
 
     def spread(force: list[float], rate: list[float], power: list[float]) -> np.ndarray:
@@ -67,10 +67,10 @@ def test_scale_factors_are_on_the_diagonal_and_gravity_on_z_is_a_bias() -> None:
 
     np.testing.assert_allclose(spread([0, 0, 0], [0, 0, 1], [0, 0, 0]), [0, 0, 0, askew, askew, scale], atol=1e-15)
     np.testing.assert_allclose(
-        spread([1, 0, 0], [0, 0, 0], [0, 0, 0]), [pull, askew, askew, felt, felt, felt], atol=1e-12
+        spread([1, 0, 0], [0, 0, 0], [0, 0, 0]), [pull, askew, askew, sensed, sensed, sensed], atol=1e-12
     )
     np.testing.assert_allclose(
-        spread([0, 1, 0], [0, 0, 0], [0, 0, 0]), [askew, pull, askew, felt, felt, felt], atol=1e-12
+        spread([0, 1, 0], [0, 0, 0], [0, 0, 0]), [askew, pull, askew, sensed, sensed, sensed], atol=1e-12
     )
     np.testing.assert_allclose(spread([0, 0, 0], [0, 0, 0], [0, 2, 0]), [0, 2 * rectified, 0, 0, 0, 0], atol=1e-12)
     assert not spread([0, 0, 9.8], [0, 0, 0], [0, 0, 0]).any()

@@ -127,7 +127,7 @@ def whole(families: tuple[Family, Family], states: States) -> np.ndarray:
     return np.concatenate([family.residual(states) for family in families if len(family)])
 
 
-def test_families_are_told_apart_by_their_keyframes() -> None:
+def test_families_are_distinguished_by_their_keyframes() -> None:
     for place, (within, apart) in ((APART, (0, 9)), (WITHIN, (11, 0))):
         assert [len(family) for family in pairs(place).families()] == [within, apart]
 
@@ -171,7 +171,7 @@ def test_a_step_of_one_reading_is_the_residual(passing: Pairs) -> None:
     )
 
 
-def test_points_apart_along_the_rail_tell_nothing_of_the_heading(passing: Pairs) -> None:
+def test_points_apart_along_the_rail_show_nothing_of_the_heading(passing: Pairs) -> None:
     """A match that is off by 10 mm has the same residual when the whole run is turned by 0.1 rad."""
     off = replace(passing, trail=passing.trail + np.array([0.01, 0.0, 0.0])).families()
     nav, turn = passing.states.nav, so3_exp(np.array([[0.0, 0.0, 0.1]]))[0]

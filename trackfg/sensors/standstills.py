@@ -122,7 +122,9 @@ def find_standstills(
             silent_at_rest=silent_at_rest,
             quantum_m=quantum_m,
         )
-        spans = _confirmed(samples, tach_spans.spans[_felt(samples, tach_spans)], noise_hides_starts=integrates_speed)
+        spans = _confirmed(
+            samples, tach_spans.spans[_with_measured_change(samples, tach_spans)], noise_hides_starts=integrates_speed
+        )
     lasting = [(begin, end) for begin, end in spans if end - begin >= min_duration_s]
     return np.array(lasting, dtype=np.float64).reshape(-1, 2)
 
@@ -248,7 +250,7 @@ def _near(mean: Array, centre: Array, error: Array) -> np.ndarray:
     return near
 
 
-def _felt(samples: _Samples, candidates: Candidates) -> np.ndarray:
+def _with_measured_change(samples: _Samples, candidates: Candidates) -> np.ndarray:
     """Return which candidates (m,) the vehicle came to by a change of speed that the accelerometer measured.
 
     A tach that spins as the wheels slip is excused by what was measured at all; and where its record begins at rest,

@@ -127,7 +127,7 @@ def test_late_positions_are_stamped_late(run):
     assert late["east_m"].equals(clean["east_m"])
 
 
-def test_a_lever_arm_is_felt_and_not_declared(run):
+def test_a_lever_arm_is_measured_and_not_declared(run):
     far, oracle = run(LeverArm(10.0)).recording, run(LeverArm(10.0, for_oracle=True)).recording
     assert far.description.imu.lever_arm_m == (0.0, 0.0, 0.0)
     assert np.linalg.norm(oracle.description.imu.lever_arm_m) == pytest.approx(10.0)
@@ -136,11 +136,11 @@ def test_a_lever_arm_is_felt_and_not_declared(run):
     # Centripetal acceleration along x in curves is -omega^2 times the arm.
     curve = np.abs(far.gyro[:, 2]) > 0.02
     assert curve.any()
-    felt = (far.accel - near.accel)[curve, 0].mean()
-    assert felt == pytest.approx(-9.9 / np.hypot(1.0, 0.2) * np.mean(far.gyro[curve, 2] ** 2), rel=0.5)
+    sensed = (far.accel - near.accel)[curve, 0].mean()
+    assert sensed == pytest.approx(-9.9 / np.hypot(1.0, 0.2) * np.mean(far.gyro[curve, 2] ** 2), rel=0.5)
 
 
-def test_a_tilted_sensor_feels_gravity_aside(run):
+def test_a_tilted_sensor_measures_gravity_aside(run):
     tilted, clean = run(Tilt(3.0)).recording, run().recording
     still = slice(0, 2000)
     turned = tilted.accel[still].mean(axis=0) - clean.accel[still].mean(axis=0)
@@ -189,7 +189,7 @@ def test_a_long_rest_is_long_and_the_end_is_at_rest():
     assert still[t > 800.0].all()
 
 
-def test_a_line_with_loops_turns_about_and_tells_no_heading():
+def test_a_line_with_loops_turns_about_and_shows_no_heading():
     plan = replace(scenario("mainline"), effects=(TurningEarth(35.0),))
     simulation = simulate(plan, duration_s=600.0)
     assert np.ptp(simulation.truth["yaw_rad"]) > np.pi

@@ -423,7 +423,7 @@ def remarks_without_profile(result):
     return [remark for remark in result.remarks if "there is no profile" not in remark]
 
 
-def test_a_wrong_header_length_is_told_and_the_elements_win(read):
+def test_a_wrong_header_length_is_reported_and_the_elements_win(read):
     result = read(document(alignment_of(SIMPLE, SIMPLE_TRUTH, length=300.0)))
     assert remarks_without_profile(result) == [
         "the header's length is 300.000 m, that of its elements 270.000 m: these are used"
@@ -431,7 +431,7 @@ def test_a_wrong_header_length_is_told_and_the_elements_win(read):
     assert result.line.length_m == pytest.approx(270.0)
 
 
-def test_coordinates_that_disagree_are_told(read):
+def test_coordinates_that_disagree_are_reported(read):
     moved = Truth(SIMPLE, START, YAW)
     moved.places[2] += 0.05
     remarks = " | ".join(remarks_without_profile(read(document(alignment_of(SIMPLE, moved)))))
@@ -452,13 +452,13 @@ def test_coordinates_that_disagree_are_told(read):
     assert any("its Start is +2.000 m further from its Center" in remark for remark in read(wrong).remarks)
 
 
-def test_a_shift_below_a_centimetre_is_not_told(read):
+def test_a_shift_below_a_centimetre_is_not_reported(read):
     moved = Truth(SIMPLE, START, YAW)
     moved.places[2] += 0.004
     assert remarks_without_profile(read(document(alignment_of(SIMPLE, moved)))) == []
 
 
-def test_what_is_not_used_is_told(read):
+def test_what_is_not_used_is_reported(read):
     near = [
         part if part.kind != "clothoid" else Part("sineHalfWave", *list(vars(part).values())[1:]) for part in SIMPLE
     ]
@@ -508,13 +508,13 @@ def test_other_versions_and_inframodel_are_read_the_same(read, namespace, versio
     assert result.line.length_m == read(GOOD).line.length_m
 
 
-def test_a_version_that_is_not_the_namespaces_is_told(read):
+def test_a_version_that_is_not_the_namespaces_is_reported(read):
     assert remarks_without_profile(read(swap('version="1.2"', 'version="2.0"'))) == [
         "its version is '2.0', its namespace that of 1.2: it is read as 1.2"
     ]
 
 
-def test_an_element_without_length_is_left_out_and_told(read):
+def test_an_element_without_length_is_left_out_and_reported(read):
     centre = complex(START + 1j * np.exp(1j * YAW) * 300.0)
     empty = f'<Curve rot="ccw" radius="300" length="0.000">{point("Start", START)}{point("End", START)}'
     empty += f"{point('Center', centre)}</Curve>"
@@ -536,8 +536,8 @@ def test_the_centre_of_a_flat_arc_makes_no_remark(read):
             remarks_without_profile(read(text.replace(centre_tag(text), point("Center", complex(centre + away))))) == []
         )
     turned = point("Center", complex(centre + 20.0 * heading))
-    (told,) = remarks_without_profile(read(text.replace(centre_tag(text), turned)))
-    assert "off the elements laid end to end, by up to 0.04" in told
+    (reported,) = remarks_without_profile(read(text.replace(centre_tag(text), turned)))
+    assert "off the elements laid end to end, by up to 0.04" in reported
 
 
 def centre_tag(text):
@@ -568,8 +568,8 @@ def test_station_equations_make_the_kilometrage(read):
         '<StaEquation staInternal="1150" staBack="1251" staAhead="5000" staIncrement="decreasing"/></Alignment>',
     )
     result = read(text)
-    (told,) = remarks_without_profile(result)
-    assert told.endswith("StaEquation 2: staBack is 1251, the station there is 1250.000 m: this is used")
+    (reported,) = remarks_without_profile(result)
+    assert reported.endswith("StaEquation 2: staBack is 1251, the station there is 1250.000 m: this is used")
     line = result.kilometrage.kilometrage()
     assert line.written(np.array([1000.0, 1099.0, 1100.0, 1149.0, 1150.0, 1200.0])) == [
         "1+000.00", "1+099.00", "1+200.00", "1+249.00", "5+000.00", "4+950.00",
@@ -600,8 +600,8 @@ def test_an_equation_of_inframodel_is_a_kilometre_post(read):
     text = swap("http://www.landxml.org/schema/LandXML-1.2", "http://www.inframodel.fi/inframodel")
     text = text.replace("<Alignments>", '<Alignments name="003">').replace("</Alignment>", posts + "</Alignment>")
     result = read(text)
-    (told,) = remarks_without_profile(result)
-    assert told.endswith("StaEquation 4: desc is '3A', no kilometre: this post is not used")
+    (reported,) = remarks_without_profile(result)
+    assert reported.endswith("StaEquation 4: desc is '3A', no kilometre: this post is not used")
     assert (result.kilometrage.line, result.kilometrage.track) == ("003", "down")
     line = result.kilometrage.kilometrage()
     assert line.written(np.array([1001.0, 1003.5, 1249.0, 1251.0])) == [

@@ -88,7 +88,7 @@ def gradient(chainage, permille, radius=None):
     return text + (f"vertical_radius_m = {radius}\n" if radius else "")
 
 
-def test_a_jump_of_the_curvature_is_told(read):
+def test_a_jump_of_the_curvature_is_reported(read):
     described = read(SHORT + STRAIGHT + curve() + STRAIGHT)
     assert described.remarks == (
         "the curvature jumps by +0.002 1/m between elements 1 and 2 (chainage 100.000 m)",

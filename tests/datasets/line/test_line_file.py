@@ -66,8 +66,8 @@ def test_curve_limits_keep_the_lateral_acceleration(make_line):
     at = np.linspace(0.0, 3000.0, 7001)
     limit = limited.limit_mps[np.searchsorted(limited.limit_from_m, at, side="right") - 1]
     fast = np.minimum(limit, 100.0)
-    felt = limited.curvature(at) * fast**2 + units.STANDARD_GRAVITY * limited.cant(at) / 1.067
-    assert np.abs(felt[np.isfinite(limit)]).max() <= UNCOMPENSATED_MPS2 + 1e-9
+    lateral = limited.curvature(at) * fast**2 + units.STANDARD_GRAVITY * limited.cant(at) / 1.067
+    assert np.abs(lateral[np.isfinite(limit)]).max() <= UNCOMPENSATED_MPS2 + 1e-9
     assert np.isinf(limit[at < 495.0]).all()
     circle = (at > 565.0) & (at < 795.0)
     allowed = np.sqrt((UNCOMPENSATED_MPS2 + units.STANDARD_GRAVITY * 0.08 / 1.067) * 400.0)

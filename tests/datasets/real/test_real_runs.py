@@ -113,9 +113,9 @@ def test_kingston_speed_is_cut_off_to_whole_km_per_hour(data_folder):
             [[0.0], np.cumsum(0.5 * (reference["speed_mps"][1:].to_numpy() + reference["speed_mps"][:-1].to_numpy()))]
         )
         true = np.diff(np.interp(t, reference["t_s"], true_path))
-        told = np.diff(np.interp(t, tach["t_s"], tach["distance_m"]))
+        rolled = np.diff(np.interp(t, tach["t_s"], tach["distance_m"]))
         slow, fast = (true > 20) & (true < 40), true > 60
-        return true[slow].sum() / told[slow].sum(), true[fast].sum() / told[fast].sum()
+        return true[slow].sum() / rolled[slow].sum(), true[fast].sum() / rolled[fast].sum()
 
     slow, fast = scales(centre_speed=False)
     assert slow - fast > 0.005

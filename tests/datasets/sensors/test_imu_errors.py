@@ -68,7 +68,7 @@ def test_mounting_turns_the_sensor():
     assert yaw != 0
     silent = apply_errors(np.zeros((10, 3)), np.zeros((10, 3)), errors)
     _, accel = apply_errors(np.zeros((10, 3)), np.tile([0.0, 0.0, 9.8], (10, 1)), errors)
-    # A sensor that sits nose-down feels gravity on its x axis as a vehicle that is nose-down does.
+    # A sensor that sits nose-down measures gravity on its x axis as a vehicle that is nose-down does.
     np.testing.assert_allclose((accel - silent[1])[:, 0], -9.8 * np.sin(pitch), rtol=1e-6)
     mounts = [draw_errors(model, edges, np.random.default_rng(seed)).mount_rpy_rad[1:] for seed in range(300)]
     assert np.std(mounts) == pytest.approx(0.01, rel=0.12)
@@ -116,13 +116,13 @@ def test_scale_and_misalignment_act_on_each_axis_with_their_sigmas():
         assert np.abs(correlation - np.eye(9)).max() < 0.3
 
 
-def test_the_gyro_feels_specific_force():
+def test_the_gyro_measures_specific_force():
     response = ImuResponse(g_sensitivity_sd=1e-5)
     each_axis, nothing = np.eye(3), np.zeros((3, 3))
-    felt = np.array([_out(_silent(response), nothing, each_axis, seed)[0] for seed in range(300)])
-    assert felt.std() == pytest.approx(1e-5, rel=0.06)
+    sensed = np.array([_out(_silent(response), nothing, each_axis, seed)[0] for seed in range(300)])
+    assert sensed.std() == pytest.approx(1e-5, rel=0.06)
     one = _out(_silent(response), nothing, 9.8 * each_axis, 7)
-    np.testing.assert_allclose(one[0], 9.8 * felt[7], rtol=1e-9)
+    np.testing.assert_allclose(one[0], 9.8 * sensed[7], rtol=1e-9)
     np.testing.assert_allclose(one[1], 9.8 * each_axis, rtol=0, atol=1e-15)
 
 

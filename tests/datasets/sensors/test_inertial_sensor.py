@@ -131,7 +131,7 @@ def _integrated(ride, edges, latitude_deg, lever_arm):
     return np.abs(integrated - velocity).max(), np.abs(travelled - position[1:]).max()
 
 
-def test_at_rest_it_feels_gravity_and_the_earth(make_line):
+def test_at_rest_it_measures_gravity_and_the_earth(make_line):
     latitude = 48.0
     ride = Ride(make_line([0, 100], [0, 0], grade=[0.02, 0.02]), motion(rest(10.0), 50.0))
     gyro, accel = ideal_samples(ride, tables.clock(10.0, 100.0), latitude)

@@ -94,7 +94,7 @@ def test_a_wheelset_is_where_the_track_is(winding_ride, rough_track):
 
 
 @pytest.mark.parametrize("vehicle", VEHICLES)
-def test_at_rest_on_level_track_it_feels_gravity(make_line, vehicle):
+def test_at_rest_on_level_track_it_measures_gravity(make_line, vehicle):
     line = make_line([0, 200], [0, 0])
     edges = tables.clock(5.0, 200.0)
     drive = motion(rest(5.0), 100.0)

@@ -47,7 +47,7 @@ def sound() -> Recording:
 
 @pytest.fixture(scope="module")
 def speeds() -> pd.DataFrame:
-    """What a receiver tells of its speed on that run, without errors."""
+    """What a receiver measures of its speed on that run, without errors."""
     return ReceiverSpeeds().measured(simulate("mainline-gnss", seed=1, duration_s=300.0).ride, 300.0, None).table
 
 
@@ -272,7 +272,7 @@ def test_removed_gravity_is_not_taken_for_a_unit(unit: str, sound: Recording) ->
     assert "gravity seems to have been removed" in str(found[0])
 
 
-def test_a_row_far_away_in_time_is_told(sound: Recording) -> None:
+def test_a_row_far_away_in_time_is_reported(sound: Recording) -> None:
     fixes = sound.tables["fixes"].copy()
     fixes.loc[len(fixes) - 1, "t_s"] = 1e9
     parts = {"imu": sound.description.imu, "fixes": sound.description.fixes}

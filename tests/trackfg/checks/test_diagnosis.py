@@ -62,7 +62,7 @@ def test_the_clock_offset_has_an_honest_sigma(read: Callable[..., Recording]) ->
 
 
 def test_a_gentle_drive_with_noise_shows_no_offset() -> None:
-    """Little of it is in the band of the comparison, and the slope of noise tells of no clock."""
+    """Little of it is in the band of the comparison, and the slope of noise shows no clock."""
     driver = Service(Limits(0.4, 0.03), fastest_mps=15.0, start_m=5.0, start_rest_s=20.0, dwell_s=(20.0, 30.0))
     plan = replace(scenario("mainline"), driver=driver, effects=(effect("imu-noise", 10.0),))
     for seed in range(4):

@@ -71,7 +71,7 @@ def test_a_tach_that_is_late_is_moved(run: Simulation, late_s: float) -> None:
     assert mended.tach is not None
 
 
-def test_a_run_without_starts_and_stops_tells_no_factor(run: Simulation) -> None:
+def test_a_run_without_starts_and_stops_shows_no_factor(run: Simulation) -> None:
     """At rest all the time, force is noise."""
     assert run.recording.tach is not None
     still = run.recording.imu["t_s"] < 25.0
@@ -81,7 +81,7 @@ def test_a_run_without_starts_and_stops_tells_no_factor(run: Simulation) -> None
     assert force_per_acceleration(resting) is None
 
 
-def test_the_summary_tells_the_whole_scale_and_clock(run: Simulation) -> None:
+def test_the_summary_shows_the_whole_scale_and_clock(run: Simulation) -> None:
     summary = smooth(with_distance(run.recording, 3.6, 0.6)).summary
     assert summary.wheel_scale is not None
     assert summary.clock_offset_s is not None

@@ -205,7 +205,7 @@ def test_progress_of_batches(store: Store) -> None:
     assert batch_states(store.place) == []
 
 
-def test_a_killed_batch_is_told_from_a_running_one(tmp_path: Path) -> None:
+def test_a_killed_batch_is_distinguished_from_a_running_one(tmp_path: Path) -> None:
     store = Store(tmp_path / "store")
     state = {"name": "host-1", "began_s": 0.0, "news_s": 600.0, "runs": 200, "done": 50, "failed": 2}
     (tmp_path / "store" / "progress").mkdir()

@@ -33,7 +33,7 @@ def test_commands_options_and_scenarios_are_completed(words: str, position: int,
     assert completed(words, position) == expected
 
 
-def test_the_shell_is_told_how() -> None:
+def test_the_shell_learns_how() -> None:
     """The shell is the one that runs the command."""
     command = f"{shlex.quote(sys.executable)} -m trackfg --show-completion; exit $?"
     done = subprocess.run(["bash", "-c", command], capture_output=True, text=True, check=False)

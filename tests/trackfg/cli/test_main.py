@@ -682,7 +682,7 @@ def test_limits_of_the_law(run: Run, result: Path) -> None:
     assert "Not judged" in done.out
     assert "runoff over 9.45 m" in done.out
     judged, _, where = done.out.partition("Not judged everywhere")
-    assert "m chord" not in judged  # a result tells every chord of them
+    assert "m chord" not in judged  # a result determines every chord of them
     assert "level, 18.9 m chord" in where  # though not at its ends
     same = run("limits", result, "--limits", "cfr-213", "--level", "class 4")
     assert same.out == done.out

@@ -25,7 +25,7 @@ def test_noise_alone_has_none() -> None:
         assert seen.undisturbed(seen.increments.measured, NOTHING) is seen
 
 
-def test_a_step_and_a_disturbed_cell_are_told_apart() -> None:
+def test_a_step_and_a_disturbed_cell_are_distinguished() -> None:
     added = np.zeros(COUNT)
     added[20] = 6.0
     added[49:51] = [8.0, -8.0]

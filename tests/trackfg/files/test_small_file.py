@@ -53,7 +53,7 @@ def test_json_of_absurd_depth_is_refused() -> None:
             json_of(text)
 
 
-def test_a_hundred_thousand_unknown_keys_are_told_in_short(tmp_path: Path) -> None:
+def test_a_hundred_thousand_unknown_keys_are_reported_in_short(tmp_path: Path) -> None:
     (tmp_path / "recording.toml").write_text("".join(f"key{i}=1\n" for i in range(90_000))[:MOST_TOML_BYTES])
     assert 1 < len(read_description(tmp_path).findings) < 100
 

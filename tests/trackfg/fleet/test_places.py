@@ -137,7 +137,7 @@ def test_a_url_that_cannot_be_read_becomes_a_row(tmp_path: Path, memory: Any, ur
     assert str(outcome.reason).startswith(url.partition("/run1")[0])
 
 
-def test_a_server_that_tells_no_version_is_read_every_time(memory: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_server_that_shows_no_version_is_read_every_time(memory: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     memory.pipe_file("/run/imu.csv", b"1")
     monkeypatch.setattr(type(memory), "info", lambda self, path, **kwargs: {"name": path, "size": 1})
     assert places.signature("memory://run", ["imu.csv"]) is None

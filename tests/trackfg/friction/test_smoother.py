@@ -100,7 +100,7 @@ def test_a_road_that_does_not_change_has_no_jumps():
 
 
 def test_friction_is_known_only_once_the_car_turns():
-    """Straight ahead nothing tells of friction: the prior stays."""
+    """Straight ahead nothing shows friction: the prior stays."""
     drive = j_turn(1).measured.iloc[:30].assign(steer_rad=0.0, front_mps2=0.0, rear_mps2=0.0)
     table = smooth_friction(drive)
     model = FrictionModel()
@@ -108,7 +108,7 @@ def test_friction_is_known_only_once_the_car_turns():
     np.testing.assert_allclose(table["friction_sd"], model.start_sd, rtol=0.05)
 
 
-def test_an_iteration_that_does_not_end_is_told(monkeypatch):
+def test_an_iteration_that_does_not_end_is_reported(monkeypatch):
     monkeypatch.setattr("trackfg.friction.smoother._MOST_ITERATIONS", 1)
     with pytest.raises(UnsolvableError, match="no minimum"):
         smooth_friction(j_turn(1).measured.iloc[:100])

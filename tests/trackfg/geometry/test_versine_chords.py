@@ -47,7 +47,7 @@ def test_a_hole_stays_one() -> None:
     assert np.isnan(over(profile, 20.0)[2000 - 200 : 2000 + 200]).all()
 
 
-def test_what_the_two_do_not_tell_is_refused() -> None:
+def test_what_the_two_do_not_show_is_refused() -> None:
     nothing = np.zeros(10)
     with pytest.raises(
         BadInputError, match="band from 25 to 70 m has no waves of 5 m, which a versine over 10 m lacks"

@@ -26,7 +26,7 @@ ANTENNA_M = (2.0, 0.5, 3.0)
 
 @cache
 def simulated(duration_s: float, *, delay_s: float = 0.0) -> Simulation:
-    """A run with GNSS whose receiver tells its speed, too."""
+    """A run with GNSS whose receiver measures its speed, too."""
     plan = scenario("mainline-gnss")
     assert plan.gnss is not None
     speeds = ReceiverSpeeds(antenna_m=ANTENNA_M, delay_s=delay_s)

@@ -45,7 +45,7 @@ def with_slip(simulated: Make) -> Problem:
 
 
 def speedless(simulated: Make) -> Problem:
-    """The accelerometer alone tells the tilt."""
+    """The accelerometer alone measures the tilt."""
     recording = simulated("mainline-gnss", seed=2, duration_s=60.0).recording
     return build_problem(replace(recording, tach=None, gnss=None), SmoothConfig())
 
@@ -65,7 +65,7 @@ def with_radar(simulated: Make) -> Problem:
 
 
 def with_receiver_speeds(simulated: Make) -> Problem:
-    """A receiver that tells its speed, too, which is some time old."""
+    """A receiver that measures its speed, too, which is some time old."""
     plan = replace(scenario("mainline-gnss"), further_sensors=(ReceiverSpeeds(delay_s=0.1),))
     return build_problem(simulate(plan, seed=2, duration_s=60.0).recording, SmoothConfig())
 

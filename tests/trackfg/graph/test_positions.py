@@ -71,7 +71,7 @@ def test_gnss_is_the_place_of_its_antenna_at_its_time(simulated: Callable[..., S
 
 
 def test_errors_that_last_make_positions_count_less(simulated: Callable[..., Simulation]) -> None:
-    """One position a second with errors that last 10 s: n of them tell as much as n / 20 independent ones."""
+    """One position a second with errors that last 10 s: n of them are worth n / 20 independent ones."""
     recording = simulated("mainline-gnss", seed=2, duration_s=40.0).recording
     alone, lasting = (
         family_of(

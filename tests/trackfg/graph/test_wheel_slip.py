@@ -105,7 +105,7 @@ def test_a_sensor_of_a_few_euros_in_sharp_curves_shows_no_slip(seed: int) -> Non
     assert found.wheel.distance[-1] == pytest.approx(wheel.distance[-1], rel=0.01)
 
 
-def test_a_force_that_is_felt_wrongly_throughout_is_no_slip(simulated_in_full: Callable[..., Simulation]) -> None:
+def test_a_force_that_is_measured_wrongly_throughout_is_no_slip(simulated_in_full: Callable[..., Simulation]) -> None:
     recording = simulated_in_full("mainline", seed=2, duration_s=150.0).recording
     t = recording.imu["t_s"].to_numpy()
     shown = recording.imu.assign(fx_mps2=recording.imu["fx_mps2"] + 2.0 * np.sin(2.0 * np.pi * t / 40.0))

@@ -418,7 +418,7 @@ def test_a_silent_tach_is_a_warning(draft: Draft, tmp_path: Path) -> None:
     assert "no rows for 60.1 s" in doubts(draft, tmp_path / "rec")["gap"]
 
 
-def test_a_tilted_sensor_is_told_its_mounting_angles(draft: Draft, tmp_path: Path) -> None:
+def test_a_tilted_sensor_gets_its_mounting_angles(draft: Draft, tmp_path: Path) -> None:
     angle = np.radians(18.0)
     c, s = np.cos(angle), np.sin(angle)
     for a, b in (("fy", "fz"), ("wy", "wz")):

@@ -62,10 +62,10 @@ def jumps(geometry: pd.DataFrame) -> int:
 def test_with_a_fix_at_its_start_a_stream_stays_where_it_is(line_map: FeatureMap, ride: Ride, number: int) -> None:
     run = ride(number)
     ours = streamed(with_fixes(run.simulation.recording, 1), line_map)
-    told = ours.smoothed[ours.smoothed["chainage_m_sd"] < 100.0]
-    assert len(told) > 0.8 * len(ours.smoothed)
-    assert np.abs(errors(told, run)).max() < 2.0
-    assert (np.abs(errors(told, run)) < 4.0 * told["chainage_m_sd"]).all()
+    located = ours.smoothed[ours.smoothed["chainage_m_sd"] < 100.0]
+    assert len(located) > 0.8 * len(ours.smoothed)
+    assert np.abs(errors(located, run)).max() < 2.0
+    assert (np.abs(errors(located, run)) < 4.0 * located["chainage_m_sd"]).all()
     assert ours.kinds.count("located") == 1
     assert ours.kinds.count("landmark used") > 15
     assert jumps(ours.geometry) <= 1
@@ -83,9 +83,9 @@ def test_without_any_fix_it_finds_itself(line_map: FeatureMap, ride: Ride, numbe
         assert 0 < first < 0.7 * len(table)
         assert (table["chainage_m_sd"].iloc[:first] > 1e4).all()
         assert known[first:].all()
-    told = ours.smoothed[ours.smoothed["chainage_m_sd"] < 100.0]
-    assert np.abs(errors(told, run)).max() < 2.0
-    assert (np.abs(errors(told, run)) < 4.0 * told["chainage_m_sd"]).all()
+    located = ours.smoothed[ours.smoothed["chainage_m_sd"] < 100.0]
+    assert np.abs(errors(located, run)).max() < 2.0
+    assert (np.abs(errors(located, run)) < 4.0 * located["chainage_m_sd"]).all()
     assert jumps(ours.geometry) <= 1
 
 
@@ -111,6 +111,6 @@ def test_a_sensor_on_springs_is_located_though_it_has_no_geometry(line_map: Feat
     ours = streamed(recording, line_map)
     assert "located" in ours.kinds
     assert ours.geometry.empty
-    told = ours.smoothed[ours.smoothed["chainage_m_sd"] < 100.0]
-    assert np.abs(errors(told, run)).max() < 4.0
-    assert (told["chainage_m_sd"] > 0.7).all()
+    located = ours.smoothed[ours.smoothed["chainage_m_sd"] < 100.0]
+    assert np.abs(errors(located, run)).max() < 4.0
+    assert (located["chainage_m_sd"] > 0.7).all()

@@ -63,8 +63,8 @@ def test_a_run_on_the_track_beside_is_named(passed: Callable[[int, int], Result]
     same, beside = passed(0, 2), passed(1, 0)
     assert not find_changes(same, feature_map).other_track
     assert find_changes(beside, feature_map).other_track
-    told: list[str] = []
-    longer = with_runs(feature_map, [same, beside], joining=Joining(warn=told.append))
+    reported: list[str] = []
+    longer = with_runs(feature_map, [same, beside], joining=Joining(warn=reported.append))
     assert len(longer.runs) == 4
-    assert len(told) == 1
-    assert told[0].startswith(f"run {beside.summary.recording_id}: its curves are those of the map 'up', but")
+    assert len(reported) == 1
+    assert reported[0].startswith(f"run {beside.summary.recording_id}: its curves are those of the map 'up', but")

@@ -59,7 +59,7 @@ def test_an_exact_line_and_good_positions_name_the_track() -> None:
     assert set(names) == {"A"}
 
 
-def test_the_leg_of_a_switch_is_told_by_shape_where_the_place_is_not() -> None:
+def test_the_leg_of_a_switch_is_found_by_shape_where_the_place_is_not() -> None:
     """A run of a wrong constant offset of 3 m, where the sigma is 4 m, over a turnout to the left."""
     x = np.array([1000.0, 1050.0, 1100.0])
     branch = np.column_stack([np.append(x, 3000.0), [0.0, 1.0, 5.0, 100.0]])

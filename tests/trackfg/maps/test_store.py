@@ -170,7 +170,7 @@ TWO_AT_ONCE = """
 
 @pytest.mark.parametrize("location", ["gpkg", "plain"], indirect=True)
 @pytest.mark.parametrize("parent", [1, pytest.param(0, marks=pytest.mark.slow)])
-def test_of_two_writers_at_once_one_is_told(
+def test_of_two_writers_at_once_one_is_reported(
     make_map: MakeMap, assert_same_map: Same, location: str, tmp_path: Path, parent: int
 ) -> None:
     """Also where there is nothing yet, and both would make it."""

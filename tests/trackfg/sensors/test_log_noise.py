@@ -67,7 +67,7 @@ def test_two_hours_give_white_noise_and_walk_within_a_tenth(seed: int) -> None:
     assert np.all(np.abs(curve["deviation"] - curve["model"])[near] < 4.0 * curve["deviation_sd"][near])
 
 
-def test_bias_instability_is_told_from_a_walk() -> None:
+def test_bias_instability_is_distinguished_from_a_walk() -> None:
     coefficients = []
     for seed in range(3):
         rng, count = np.random.default_rng(seed), round(TWO_HOURS_S * RATE_HZ)
@@ -79,7 +79,7 @@ def test_bias_instability_is_told_from_a_walk() -> None:
     assert K * np.sqrt(1000.0 / 3.0) < 0.2 * 3e-5  # its deviation at 1000 s
 
 
-def test_temperature_is_told_from_the_walk() -> None:
+def test_temperature_is_distinguished_from_the_walk() -> None:
     gyro, accel = parked(1)
     heat = 20.0 + 8.0 * np.sin(2.0 * np.pi * np.arange(len(gyro)) / RATE_HZ / 900.0)
     noise = log_noise(recording(gyro + 1e-4 * (heat - 20.0)[:, None], accel), ("temp_c", heat))

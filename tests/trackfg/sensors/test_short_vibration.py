@@ -56,7 +56,7 @@ def shaken(data: Intervals, seed: int) -> tuple[Intervals, float]:
     return replace(data, gyro=data.gyro + size * np.fft.irfft(rate, len(data))[:, None] * [1.0, 0.0, 0.0]), AMPLITUDE
 
 
-def test_roll_on_the_waves_of_a_twist_is_told_from_that_on_shorter_ones(quiet: Intervals) -> None:
+def test_roll_on_the_waves_of_a_twist_is_distinguished_from_that_on_shorter_ones(quiet: Intervals) -> None:
     """At 15 m/s 0.7 m are 21 Hz: of the angle above 5 Hz a tenth is seen, and the rest follows from its density."""
     data, roll = shaken(quiet, 3)
     ends, speed = data.edges[[0, -1]], np.full(2, 15.0)

@@ -1,4 +1,4 @@
-"""The noise of a speed signal, told from the accelerometer."""
+"""The noise of a speed signal, by the accelerometer."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def test_the_accelerometers_own_noise_is_not_the_tachs() -> None:
     assert found < 0.04
 
 
-def test_a_short_run_tells_no_noise() -> None:
+def test_a_short_run_shows_no_noise() -> None:
     short = wheel(0.1)
     kept = short.t < 20.0
     assert (

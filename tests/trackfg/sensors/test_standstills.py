@@ -97,7 +97,7 @@ def test_without_a_tach_gnss_must_have_seen_the_rest(simulated: Callable[..., Si
 
 
 @pytest.mark.parametrize(("sd_m", "found"), [(2.0, False), (0.02, True)])
-def test_without_a_tach_positions_must_tell_a_crawl_from_a_rest(
+def test_without_a_tach_positions_must_distinguish_a_crawl_from_a_rest(
     simulated: Callable[..., Simulation], sd_m: float, found: bool
 ) -> None:
     """Four positions of 2 m do not show whether a vehicle stood for 3.5 s or went on at walking pace."""

@@ -45,7 +45,7 @@ def curves(n: int) -> np.ndarray:
     return np.choose(phase, [0.0, 0.05, 0.0, -0.03])
 
 
-def test_without_rests_tilt_and_straights_tell_the_bias() -> None:
+def test_without_rests_tilt_and_straights_show_the_bias() -> None:
     motion, _ = ride(curves(2400))
     start = starting_bias(motion, NO_RESTS, np.zeros(3), ImuNoise(), None)
     np.testing.assert_allclose(start.gyro[0], BIAS, atol=5e-4)
@@ -54,7 +54,7 @@ def test_without_rests_tilt_and_straights_tell_the_bias() -> None:
     assert abs(start.gyro[0, 2] - BIAS[2]) < 3.0 * start.vertical_sd
 
 
-def test_curves_tell_the_accelerometers_bias_from_a_tilt() -> None:
+def test_curves_separate_the_accelerometers_bias_from_a_tilt() -> None:
     motion, _ = ride(curves(2400))
     bias = np.array([0.4, -0.6, 0.3])
     start = starting_bias(replace(motion, accel=motion.accel + bias), NO_RESTS, np.zeros(3), ImuNoise(), None)
@@ -111,7 +111,7 @@ def test_a_run_in_one_curve_does_not_pass_for_a_bias(rate: float) -> None:
     assert abs(start.gyro[0, 2] - BIAS[2]) < 3.0 * start.vertical_sd < 0.1
 
 
-def test_positions_tell_the_vertical_bias_in_a_curve() -> None:
+def test_positions_show_the_vertical_bias_in_a_curve() -> None:
     rate = np.full(1200, 0.04)
     motion, heading = ride(rate)
     place = np.cumsum(15.0 * STEP_S * np.stack([np.cos(heading), np.sin(heading)], axis=1), axis=0)
@@ -144,8 +144,8 @@ def test_short_rests_weigh_less_than_long_ones() -> None:
     t = STEP_S * np.arange(1000)
     gyro = np.random.default_rng(1).normal(0.0, 1e-3, (1000, 3)) + BIAS
     rests = np.array([[0.0, 40.0], [50.0, 51.0], [90.0, 99.0]])
-    told = rest_bias(t, gyro, rests, np.zeros(3), walk=1e-9)
+    steady = rest_bias(t, gyro, rests, np.zeros(3), walk=1e-9)
     resting = (t <= 40.0) | ((t >= 50.0) & (t <= 51.0)) | (t >= 90.0) & (t <= 99.0)
-    np.testing.assert_allclose(told[[0, 500, -1]], np.tile(gyro[resting].mean(axis=0), (3, 1)), atol=2e-6)
+    np.testing.assert_allclose(steady[[0, 500, -1]], np.tile(gyro[resting].mean(axis=0), (3, 1)), atol=2e-6)
     each = rest_bias(t, gyro, rests, np.zeros(3))
     np.testing.assert_allclose(each[505], gyro[(t >= 50.0) & (t <= 51.0)].mean(axis=0), atol=1e-6)

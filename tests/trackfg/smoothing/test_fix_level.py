@@ -53,10 +53,10 @@ def test_fixes_that_scatter_more_than_declared_get_the_sigmas_they_deserve() -> 
     error = 2.0 * np.random.default_rng(2).standard_normal(len(fixes))
     scattered = fixes.assign(chainage_m=fixes["chainage_m"] + error)
     result = smooth(replace(run.recording, fixes=scattered))
-    told = smooth(replace(run.recording, fixes=scattered.assign(chainage_sd_m=2.0)))
+    declared = smooth(replace(run.recording, fixes=scattered.assign(chainage_sd_m=2.0)))
     assert any(finding.code == "fix-level" for finding in result.summary.findings)
     assert not any(finding.code == "fixes-withheld" for finding in result.summary.findings)
-    off = result.trajectory["chainage_m"] - told.trajectory["chainage_m"]
-    assert (off.abs() < 0.5 * told.trajectory["chainage_m_sd"]).all()
-    ratio = result.trajectory["chainage_m_sd"] / told.trajectory["chainage_m_sd"]
+    off = result.trajectory["chainage_m"] - declared.trajectory["chainage_m"]
+    assert (off.abs() < 0.5 * declared.trajectory["chainage_m_sd"]).all()
+    ratio = result.trajectory["chainage_m_sd"] / declared.trajectory["chainage_m_sd"]
     assert 0.5 < ratio.median() < 2.0

@@ -130,8 +130,8 @@ def test_street_canyons_hardly_move_a_run() -> None:
 
 
 @pytest.mark.parametrize("declared", [0.5, 1.0])
-def test_a_receiver_that_is_wrong_for_minutes_does_not_tell_a_place_better_than_its_mean(declared: float) -> None:
-    """Errors that last for a minute tell a constant place to sqrt(2 x 60 / 360) sigmas; solved in turns."""
+def test_a_receiver_that_is_wrong_for_minutes_does_not_show_a_place_better_than_its_mean(declared: float) -> None:
+    """Errors that last for a minute determine a constant place to sqrt(2 x 60 / 360) sigmas; solved in turns."""
     t, found = np.arange(360.0), []
     for seed in range(12):
         error = lasting(360, 60.0, 1.0, np.random.default_rng(seed))

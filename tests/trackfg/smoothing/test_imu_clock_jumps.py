@@ -1,4 +1,4 @@
-"""Jumps of the IMU's clock are told from gaps in its record."""
+"""Jumps of the IMU's clock are distinguished from gaps in its record."""
 
 from __future__ import annotations
 

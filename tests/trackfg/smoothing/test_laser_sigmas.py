@@ -14,7 +14,7 @@ SEEDS = range(6)
 
 @pytest.mark.slow
 def test_sigmas_of_heading_and_position_are_true() -> None:
-    """Displacement sensors tell nothing of the heading itself; a run's errors are correlated, so its end counts."""
+    """Displacement sensors show nothing of the heading itself; a run's errors are correlated, so its end counts."""
     ratios = []
     for seed in SEEDS:
         run = simulate("measuring-car", seed=seed, duration_s=240.0)

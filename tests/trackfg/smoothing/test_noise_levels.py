@@ -27,7 +27,7 @@ FIXED = SmoothConfig(noise=NoiseConfig(adapt=False))
 
 
 def swayed(run: Simulation, begin_s: float, end_s: float) -> Any:
-    """The recording with accelerations of 1 m/s^2 below 2 Hz that are none: no spectrum tells them from motion."""
+    """The recording with accelerations of 1 m/s^2 below 2 Hz that are none: no spectrum shows that."""
     imu = run.recording.imu.copy()
     t = imu["t_s"].to_numpy()
     sway = uniform_filter1d(np.random.default_rng(0).standard_normal((len(t), 3)), 50, axis=0)
@@ -58,7 +58,7 @@ def test_a_stretch_of_bad_samples_has_a_level_of_its_own(simulated: Callable[...
 def test_a_walk_that_hardly_shows_is_as_much_faster_as_that_of_the_other_triad(
     smoothed: Callable[..., SmoothedStates],
 ) -> None:
-    """Of a gyro whose bias walks far more than declared residuals tell; the accelerometer beside it is no better."""
+    """Of a gyro whose bias walks far more than declared residuals show it; the accelerometer beside it is no better."""
     run = smoothed("mainline", seed=3, duration_s=DURATION_S)
 
     def slow(walk: Family) -> Family:

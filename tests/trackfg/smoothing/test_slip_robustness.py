@@ -88,7 +88,7 @@ def assert_survived(run: Simulation, *, metres: float, seconds: float) -> None:
 )
 def test_one_slip(rolling_run: Callable[..., Simulation], place: str, duration: float, creep: float) -> None:
     event = WheelSlip(PLACES[place], duration, creep, ramp_s=0.3)
-    # Over 30 s the accelerometer alone tells the way.
+    # Over 30 s the accelerometer alone measures the way.
     assert_survived(slip_wheel(rolling_run(), [event]), metres=0.6 if duration == 30.0 else 0.5, seconds=0.5)
 
 
@@ -119,7 +119,7 @@ def test_every_slip(
 ) -> None:
     # A second of 5 % at a walk would be within one pulse.
     starts = PLACES | ({"start": PLACES["start"] + 8.0} if duration == 1.0 else {})
-    # From rest to full speed the accelerometer alone tells the way.
+    # From rest to full speed the accelerometer alone measures the way.
     metres = 1.2 if duration == 30.0 else 0.4
     events = [WheelSlip(starts[p], min(duration, 24.0) if p == "braking" else duration, creep) for p in places]
     # A weak slide ends where the train stops: in its last seconds it is hardly a way.

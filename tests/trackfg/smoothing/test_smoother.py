@@ -94,8 +94,8 @@ def test_every_kind_of_run_is_solved_honestly(
 def test_noise_free_run_is_recovered(
     simulated: Callable[..., Simulation], smoothed: Callable[..., SmoothedStates], name: str, mm_per_km: float
 ) -> None:
-    """Without GNSS only the accelerometer and a fix or two tell the wheel's scale, which has to be found: as well as
-    the accelerometer's own scale is known, which is not exactly."""
+    """Without GNSS only the accelerometer and a fix or two determine the wheel's scale, which has to be found: as well
+    as the accelerometer's own scale is known, which is not exactly."""
     options = {"seed": 1, "duration_s": TOTAL_S, "noise": False}
     run, result = simulated(name, **options), smoothed(name, **options)
     error = errors(run, result.trajectory)
@@ -139,7 +139,7 @@ def test_full_world_is_solved_honestly(
 
 
 def test_scale_factors_and_misalignments_are_found(simulated: Callable[..., Simulation]) -> None:
-    """A gyro that turns 0.3 % too far and feels its yaw in roll by 1 mrad: both show in curves."""
+    """A gyro that turns 0.3 % too far and senses its yaw in roll by 1 mrad: both show in curves."""
     run = simulated("mainline-gnss", seed=2, duration_s=300.0)
     imu, gyro = run.recording.imu.copy(), ["wx_radps", "wy_radps", "wz_radps"]
     W = np.zeros((3, 3))

@@ -96,7 +96,7 @@ def test_cant_of_an_upright_vehicle_is_no_tilt_in_curves_of_one_way() -> None:
 
 
 def test_no_tilt_shows_within_one_curve() -> None:
-    """Its curvature is the same all the way: roll and cant cannot be told apart."""
+    """Its curvature is the same all the way: roll and cant cannot be separated."""
     way = np.arange(0.0, 400.0, STEP_M)
     within = Passage(way / 300.0, np.full(len(way), 0.08), np.full(len(way), 0.002**2), np.full(len(way), 10.0))
     assert roll_at_no_curvature(within) == (0.0, 0.0)

@@ -86,11 +86,11 @@ def slow() -> Kept:
 
 def test_a_live_stream_says_that_it_takes_fewer_keyframes(slow: Kept) -> None:
     events = pd.concat(slow.tables["events"])
-    told = events[events["kind"] == "sparser"]
-    assert len(told) == 3
-    assert "8 times further apart" in told["detail"].iloc[-1]
+    reported = events[events["kind"] == "sparser"]
+    assert len(reported) == 3
+    assert "8 times further apart" in reported["detail"].iloc[-1]
     t = pd.concat([rows for rows in slow.tables["filtered"] if len(rows)])["t_s"]
-    assert np.median(np.diff(t[t > told["t_s"].iloc[-1] + 5.0])) == pytest.approx(4.0, abs=0.01)
+    assert np.median(np.diff(t[t > reported["t_s"].iloc[-1] + 5.0])) == pytest.approx(4.0, abs=0.01)
 
 
 def test_and_leaves_nothing_out(slow: Kept) -> None:

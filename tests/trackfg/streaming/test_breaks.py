@@ -101,7 +101,7 @@ def test_a_count_that_begins_again_is_taken_up(run: Simulation) -> None:
     assert table["chainage_m_sd"].iloc[-1] < 10.0
 
 
-def test_breaks_are_told_by_table() -> None:
+def test_breaks_are_reported_by_table() -> None:
     events = [
         Event("clock-restart", "imu", 1.0, 1.1),
         Event("clock-restart", "tach", 1.0, 1.0),

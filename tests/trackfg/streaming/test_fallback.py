@@ -92,9 +92,9 @@ def test_the_front_takes_over_from_the_tip(failing: Callable[..., None], undistu
 def test_the_whole_window_takes_over_from_the_front(failing: Callable[..., None], undisturbed: Tables) -> None:
     failing(10)
     ours = streamed()
-    told = [event for event in ours[3] if event.kind == "by-window"]
-    assert len(told) == 9
-    assert told[0].detail == "as asked"
+    reported = [event for event in ours[3] if event.kind == "by-window"]
+    assert len(reported) == 9
+    assert reported[0].detail == "as asked"
     assert not [event for event in undisturbed[3] if event.kind.startswith("by-")]
     for mine, other in zip(ours[:2], undisturbed[:2], strict=True):
         np.testing.assert_array_equal(mine["t_s"].round(6), other["t_s"].round(6))
@@ -106,11 +106,11 @@ def test_the_whole_window_takes_over_from_the_front(failing: Callable[..., None]
 def test_a_new_window_begins_where_no_batch_helps(failing: Callable[..., None], undisturbed: Tables) -> None:
     failing(1000, batches=True)
     ours = streamed()
-    told = [event for event in ours[3] if event.kind == "restarted"]
-    assert len(told) == 1
+    reported = [event for event in ours[3] if event.kind == "restarted"]
+    assert len(reported) == 1
     assert {event.kind for event in ours[3]} == {"restarted", "standstill"}  # what follows needs no help
-    assert told[0].t_s is not None
-    assert AT_S - 5.0 <= told[0].t_s < AT_S + 1.0  # a pass is taken every ten keyframes, 5 s
+    assert reported[0].t_s is not None
+    assert AT_S - 5.0 <= reported[0].t_s < AT_S + 1.0  # a pass is taken every ten keyframes, 5 s
     np.testing.assert_allclose(np.diff(ours[1]["t_s"]), 0.1, atol=0.051)  # of smoothed rows none is missing
     assert len(ours[1]) >= len(undisturbed[1]) - 1
     truth, late = RUN.truth, ours[1][ours[1]["t_s"] > AT_S + 1.0]
@@ -154,8 +154,8 @@ def test_a_prediction_that_fails_before_its_last_rows_come_loses_the_window_when
         return predict_interval(context, window, data, edges, excess, **kwargs)
 
     monkeypatch.setattr(running_window, "predict_interval", fail)
-    told = [event for event in streamed(batch_s=0.1)[3] if event.kind == "restarted"]
-    assert [event.detail for event in told] == ["as asked"]
+    reported = [event for event in streamed(batch_s=0.1)[3] if event.kind == "restarted"]
+    assert [event.detail for event in reported] == ["as asked"]
 
 
 def test_a_window_of_one_keyframe_may_be_the_last(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -213,7 +213,7 @@ def test_what_fails_at_the_end_leaves_the_rows_before_it_written(monkeypatch: py
 
 
 def test_the_batch_solvers_work_on_rows_in_random_order_is_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Such rows tell no heading: without a bound each keyframe solves again a window that has grown by one.
+    """Such rows determine no heading: without a bound each keyframe solves again a window that has grown by one.
 
     Windows lost one after another have half the work each, but for what the last solution of each took.
     """
@@ -251,7 +251,7 @@ def test_the_batch_solvers_work_on_rows_in_random_order_is_bounded(monkeypatch: 
 
 @pytest.mark.slow
 def test_a_vehicle_that_waits_with_unknown_heading_is_not_begun_anew(monkeypatch: pytest.MonkeyPatch) -> None:
-    """At the platform no row tells the heading, however many there are."""
+    """At the platform no row determines the heading, however many there are."""
     monkeypatch.setattr(running_window, "_MOST_DAMPED", 2000)
     plan = scenario("mainline-gnss")
     assert isinstance(plan.driver, Service)

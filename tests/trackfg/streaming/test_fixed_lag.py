@@ -115,7 +115,7 @@ def test_twist_is_as_good_as_the_batch_smoothers(ours: Any, batch: Result, run: 
     assert rms[0] < 2.0 * rms[1]  # in two minutes the sensor is not as well known as over a whole run
 
 
-def test_a_start_that_no_fix_has_told_yet_is_not_claimed(stream: Callable[..., Any]) -> None:
+def test_a_start_that_no_fix_has_shown_yet_is_not_claimed(stream: Callable[..., Any]) -> None:
     """Without a fix in the first seconds the place along the track is unknown, then it is known."""
     simulation = simulate("shuttle", seed=0, duration_s=100.0)
     fixes = simulation.recording.fixes

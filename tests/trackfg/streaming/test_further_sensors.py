@@ -38,7 +38,7 @@ def test_a_stream_holds_its_place_over_slippery_rails_with_further_sensors_and_w
     stream: Callable[..., Any],
 ) -> None:
     """Under leaves, between fixes. As measured with seed 2 over 400 s: 0.17 m alone, 0.13 m with a radar, 0.18 m with a
-    second axle, which slips as well and leaves it to itself to tell creep. The rest of both runs is the same.
+    second axle, which slips as well and leaves it to itself to find creep. The rest of both runs is the same.
     """
     radar, axles = map(over_leaves, ("slippery-line-radar", "slippery-line-two-axles"))
     once_a_second = {"config": SmoothConfig()}

@@ -70,7 +70,7 @@ def test_the_estimates_begin_anew_where_the_count_says(run: Simulation) -> None:
     assert smoothed["t_s"].iloc[-1] > 214.0
 
 
-def test_a_count_that_began_again_tells_nothing(run: Simulation) -> None:
+def test_a_count_that_began_again_shows_nothing(run: Simulation) -> None:
     filtered, _, events = streamed(interrupted(run.recording, restarts=True))
     assert [event.kind for event in events].count("restarted") == 1
     late = filtered[filtered["t_s"] > END_S]

@@ -130,7 +130,7 @@ def test_a_recorded_twist_is_that_of_the_cross_level(
     assert "minus" in next(f.message for f in result.summary.findings if f.code == "twist-base")
 
 
-def test_a_versine_tells_the_curvature_without_its_offset(tmp_path: Path) -> None:
+def test_a_versine_shows_the_curvature_without_its_offset(tmp_path: Path) -> None:
     x = STEP * np.arange(12_000)
     curvature = np.interp(x, [800, 860, 1300, 1360, 1900, 1950, 2400, 2450], [0, 2e-3, 2e-3, 0, 0, -1e-3, -1e-3, 0])
     noise = 0.3 * np.random.default_rng(3).standard_normal(len(x))
@@ -251,10 +251,10 @@ def test_statistics_maps_changes_and_curves_of_measured_geometry(tmp_path: Path)
     (curve,) = find_curves(Result.read(tmp_path / "before").geometry)
     assert curve.radius_m == pytest.approx(500.0, rel=0.01)
     assert curve.btc_m == pytest.approx(600.0, abs=4.0)
-    told = run.invoke(app, ["statistics", after, "--limits", "cfr-213-class-4", "--json"])
-    assert told.exit_code == 0, told.output
-    assert '"sd_level_mm"' in told.output
-    assert '"tqi"' in told.output
+    printed = run.invoke(app, ["statistics", after, "--limits", "cfr-213-class-4", "--json"])
+    assert printed.exit_code == 0, printed.output
+    assert '"sd_level_mm"' in printed.output
+    assert '"tqi"' in printed.output
 
 
 def test_init_writes_the_mapping_that_repeats_it(tmp_path: Path, waves: dict[str, np.ndarray]) -> None:

@@ -1,4 +1,4 @@
-"""The speed that a receiver tells itself, as phones, receivers and loggers write it."""
+"""The speed that a receiver measures itself, as phones, receivers and loggers write it."""
 
 from __future__ import annotations
 

@@ -193,7 +193,7 @@ def test_states_without_a_measured_position(name: str, states: list, lost: list[
         ("fix_status", ["RTK fixed", "RTK Float", "DGPS", "fixed", None], [0.05, 0.5, 1.0, 3.0, 3.0]),
     ],
 )
-def test_qualities_tell_how_good_positions_are(name: str, states: list, expected: list[float]) -> None:
+def test_qualities_show_how_good_positions_are(name: str, states: list, expected: list[float]) -> None:
     assert range_sd_m(pd.Series(states, name=name)).tolist() == expected
 
 
@@ -213,7 +213,7 @@ def test_positions_of_a_table_are_as_good_as_those_of_a_receiver_s_log(
     assert recording is not None
     assert recording.gnss is not None
     np.testing.assert_allclose(recording.gnss["east_sd_m"], np.where(fixed, 0.04, 2.4))
-    np.testing.assert_allclose(recording.gnss["up_sd_m"], 1000.0)  # no quality tells how high the line is
+    np.testing.assert_allclose(recording.gnss["up_sd_m"], 1000.0)  # no quality says how high the line is
 
 
 def test_a_height_that_a_mapping_states_is_not_diluted(drive: Drive, tmp_path: Path) -> None:

@@ -355,7 +355,7 @@ def test_a_cell_that_is_no_place_is_named_with_its_row():
         ("comment", None, None),
     ],
 )
-def test_names_tell_what_columns_mean(name, kind, axis):
+def test_names_show_what_columns_mean(name, kind, axis):
     assert meaning(name) == kind
     assert axis is None or parts_of(name).axis == axis
 
@@ -380,7 +380,7 @@ def test_a_unit_says_what_names_leave_open() -> None:
     assert (accel.columns, accel.unit) == (("Kanal X", "Kanal Y", "Kanal Z"), "g")
 
 
-def test_gravity_tells_a_specific_force_from_an_acceleration_without_it() -> None:
+def test_gravity_distinguishes_a_specific_force_from_an_acceleration_without_it() -> None:
     names = [f"field.linear_acceleration.{axis}" for axis in "xyz"]
     for up, expected in ((9.7, True), (0.1, False)):
         values = np.stack([np.full(50, 0.2), np.full(50, -0.1), np.full(50, up)], axis=1)

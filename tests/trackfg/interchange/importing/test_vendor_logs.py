@@ -251,7 +251,7 @@ def test_what_is_not_used_is_named(drive: Drive, tmp_path: Path) -> None:
         ("caf\x07e", False),
     ],
 )
-def test_a_remark_among_the_rows_is_told_from_a_row_cut_off(line: str, remark: bool) -> None:
+def test_a_remark_among_the_rows_is_distinguished_from_a_row_cut_off(line: str, remark: bool) -> None:
     assert is_remark(line, ";") is remark
 
 

@@ -326,7 +326,7 @@ def test_the_shift_is_known_as_well_as_it_says(seed: int) -> None:
     assert np.sqrt(np.mean((error / sd[100:-100]) ** 2)) < 1.5
 
 
-def test_a_shift_without_track_to_tell_it_stays_unknown(grid: pd.DataFrame) -> None:
+def test_a_shift_without_track_to_show_it_stays_unknown(grid: pd.DataFrame) -> None:
     """Where the map has a hole, as before."""
     part = grid[(grid["chainage_m"] < 1000.0) | (grid["chainage_m"] > 1400.0)].reset_index(drop=True)
     over = overlay(seen(shape_of(0), 1), part, conventions=CONVENTIONS, to_map=same, shift_sd_m=np.full(CELLS, 0.2))

@@ -70,7 +70,7 @@ def test_the_grid_is_the_track_within_its_sigmas(
     assert np.sqrt(np.mean(known**2)) < (3.0 if quantity == "cross_level_mm" else 1.8)
 
 
-def test_sensors_rolls_are_told_from_the_track(line_map: FeatureMap, ride: Ride) -> None:
+def test_sensors_rolls_are_distinguished_from_the_track(line_map: FeatureMap, ride: Ride) -> None:
     runs = line_map.runs.set_index("run_id")
     assert list(runs["direction"]) == [1, -1, 1, -1]
     for number, (_, row) in enumerate(runs.iterrows()):

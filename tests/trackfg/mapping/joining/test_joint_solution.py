@@ -123,7 +123,7 @@ def test_condensed_runs_give_what_the_full_joint_graph_gives(
     assert np.abs((ours - spread[: 2 * m + 1, : 2 * m + 1]) / np.outer(sd, sd)).max() < 1e-4
 
 
-def test_both_directions_tell_the_sensors_roll_from_the_tracks_cross_level() -> None:
+def test_both_directions_separate_the_sensors_roll_from_the_tracks_cross_level() -> None:
     places, roll_mrad = np.arange(0.0, 1001.0, 250.0), 1.3
     true = np.array([0.0, 2.0, -1.0, 50.0, 3.0])
     errors = PlaceCovariance.of(places, np.diag(np.r_[np.full(5, 0.1**2), np.full(5, 0.05**2)]))

@@ -49,7 +49,7 @@ def test_a_defect_is_clipped() -> None:
     assert reference.std() == pytest.approx(1.0, rel=0.1)
 
 
-def test_irregularity_is_told_from_curves() -> None:
+def test_irregularity_is_distinguished_from_curves() -> None:
     rng = np.random.default_rng(1)
     s = np.arange(40000) * 0.25
     curves = 2e-3 * np.clip(np.minimum(s % 1000.0 - 300.0, 800.0 - s % 1000.0) / 60.0, 0.0, 1.0)

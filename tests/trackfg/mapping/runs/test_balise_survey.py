@@ -103,7 +103,7 @@ def test_right_plans_are_not_named() -> None:
     assert named <= 1  # of 1000 plans, 6e-5 of which are beyond 4 sigma
 
 
-def test_a_misread_id_is_told_from_a_wrong_plan_by_other_runs() -> None:
+def test_a_misread_id_is_distinguished_from_a_wrong_plan_by_other_runs() -> None:
     rng = np.random.default_rng(7)
     places, planned = _line(rng, 12)
     runs = [_run(rng, places, planned) for _ in range(3)]
@@ -116,7 +116,7 @@ def test_a_misread_id_is_told_from_a_wrong_plan_by_other_runs() -> None:
     assert _by_number(survey).loc[5, "left_out"] == 1
 
 
-def test_a_wheel_that_erred_is_told_from_wrong_plans() -> None:
+def test_a_wheel_that_erred_is_distinguished_from_wrong_plans() -> None:
     rng = np.random.default_rng(8)
     places, planned = _line(rng, 12)
     runs = [_run(rng, places, planned) for _ in range(2)]

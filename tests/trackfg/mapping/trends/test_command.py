@@ -108,7 +108,7 @@ def test_limits_by_speed_need_the_speed_of_the_line(
     assert "line.gpkg: no such file" in errors[1]
 
 
-def test_what_no_trend_can_be_told_from_is_refused(make_result: Callable[..., Result]) -> None:
+def test_what_no_trend_can_be_computed_from_is_refused(make_result: Callable[..., Result]) -> None:
     unused: Any = None
     undated = make_result(rows=20)
     with pytest.raises(BadInputError, match="made-up: its recording has no start"):
@@ -119,7 +119,7 @@ def test_what_no_trend_can_be_told_from_is_refused(make_result: Callable[..., Re
         series([dated, dated], unused)
 
 
-def test_recordings_with_one_id_are_told_apart_by_what_they_measured(
+def test_recordings_with_one_id_are_distinguished_by_what_they_measured(
     make_result: Callable[..., Result], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     chainage = 0.25 * np.arange(100)

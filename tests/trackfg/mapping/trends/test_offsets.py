@@ -1,4 +1,4 @@
-"""Offsets of sensors and seasons are told from drifts where runs tell them, and left alone elsewhere."""
+"""Offsets of sensors and seasons are distinguished from drifts where runs show them, and left alone elsewhere."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def test_a_sensor_that_reads_otherwise_does_not_tilt_the_drift() -> None:
     assert np.median(without.rate_sd) > 2.0 * np.median(found.rate_sd)
 
 
-def test_a_season_is_told_from_a_drift_after_two_years() -> None:
+def test_a_season_is_distinguished_from_a_drift_after_two_years() -> None:
     t, rate = 30.0 * np.arange(30), 0.003
     y = made_up(t, rate, 2) + 1.5 * np.cos(2.0 * np.pi * (t - 40.0) / YEAR_DAYS)[:, None]
     columns = offset_columns(t, [""] * 30, np.ones(y.shape, dtype=bool))
@@ -48,7 +48,7 @@ def test_a_season_is_told_from_a_drift_after_two_years() -> None:
     assert offset_columns(t[:20], [""] * 20, np.ones((20, 3), dtype=bool)).shape == (20, 3, 0)
 
 
-def test_what_runs_cannot_tell_has_no_column() -> None:
+def test_what_runs_cannot_show_has_no_column() -> None:
     t = 30.0 * np.arange(10)
     known = np.ones((10, 2), dtype=bool)
     replaced = ["a"] * 5 + ["b"] * 5

@@ -73,7 +73,7 @@ def test_growing_defects_are_found_by_month_6_with_their_rates_and_nothing_else(
     assert len(by_month_6.steps) == 0
 
 
-def test_tamping_is_found_within_one_run_and_told_from_drift() -> None:
+def test_tamping_is_found_within_one_run_and_distinguished_from_drift() -> None:
     found = trends_of(made_up(8, tamped_in=7))
     steps = found.steps[found.steps["quantity"] == "versine_level_mm"]
     nearest = np.abs(steps["at_m"].to_numpy()[:, None] - AT_M).argmin(axis=1)

@@ -50,7 +50,7 @@ def test_fixes_in_km_spoil_the_place_only() -> None:
     assert found["cross_level"] != "not_trusted"
 
 
-def test_half_a_tach_is_told_and_bridged(simulated_in_full: Simulate) -> None:
+def test_half_a_tach_is_reported_and_bridged(simulated_in_full: Simulate) -> None:
     """Where the tach has no rows the sigmas are those of the IMU, and hold."""
     run = simulated_in_full("mainline", seed=1, duration_s=120.0)
     assert run.recording.tach is not None

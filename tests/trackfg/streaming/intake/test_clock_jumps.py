@@ -1,4 +1,4 @@
-"""A clock that was set is told from a gap by what the wheel counted, however the rows come in."""
+"""A clock that was set is distinguished from a gap by what the wheel counted, however the rows come in."""
 
 from __future__ import annotations
 
@@ -73,13 +73,13 @@ def arriving(true: Tables, given: Tables | None = None, seconds: float = 0.1) ->
 
 def taken_in(batches: list[Batch], described: RecordingDescription | None = None) -> tuple[Tables, list[Event]]:
     intake = Intake.begin(described or description(), canonical=True)
-    told = [intake.push(batch) for batch in batches]
-    told.append(intake.finish())
-    lost = sum(event.rows for _, events in told for event in events)
+    pieces = [intake.push(batch) for batch in batches]
+    pieces.append(intake.finish())
+    lost = sum(event.rows for _, events in pieces for event in events)
     assert intake.rows_in == intake.rows_out + lost
-    assert intake.rows_out == sum(len(rows) for rows, _ in told)
-    tables = {name: np.concatenate([rows.tables()[name] for rows, _ in told]) for name in ("imu", "tach", "fixes")}
-    return tables, [event for _, events in told for event in events]
+    assert intake.rows_out == sum(len(rows) for rows, _ in pieces)
+    tables = {name: np.concatenate([rows.tables()[name] for rows, _ in pieces]) for name in ("imu", "tach", "fixes")}
+    return tables, [event for _, events in pieces for event in events]
 
 
 def steady(t: Array) -> Array:
@@ -192,11 +192,11 @@ def test_events_have_the_times_of_the_stream() -> None:
     steps = ClockJumps.of(description())
     tables = set_ahead(run(steady), 30.0)
     late = Event("late", "tach", 45.0, 45.5, 3, "too late")
-    _, told = steps.without_jumps(Rows.of(tables, END_S + 30.0), [])
-    assert [event.kind for event in told] == ["clock-set"]
+    _, events = steps.without_jumps(Rows.of(tables, END_S + 30.0), [])
+    assert [event.kind for event in events] == ["clock-set"]
     assert steps.shift_s == pytest.approx(30.0)
-    _, told = steps.without_jumps(Rows(until_s=END_S + 30.0), [late])
-    assert [(event.t_s, event.until_s) for event in told] == [(pytest.approx(15.0), pytest.approx(15.5))]
+    _, events = steps.without_jumps(Rows(until_s=END_S + 30.0), [late])
+    assert [(event.t_s, event.until_s) for event in events] == [(pytest.approx(15.0), pytest.approx(15.5))]
 
 
 @pytest.mark.parametrize("off_s", [300.0, 3000.0])
@@ -210,14 +210,14 @@ def test_a_feed_that_goes_on_from_now_was_off_however_its_tach_has_counted(
     until = round(WHEN_S / 0.1)
     for from_now in (True, False):
         intake = Intake.begin(description(), canonical=True)
-        told = [intake.push(batch) for batch in batches[:until]]
+        pieces = [intake.push(batch) for batch in batches[:until]]
         again = Intake.begin(description(), canonical=True)
         again.restore(through_json(intake.state()))
         if from_now:
             again.miss_rows()
-        told += [*map(again.push, batches[until:]), again.finish()]
-        t = np.concatenate([rows.imu[:, 0] for rows, _ in told])
-        events = [event.kind for _, some in told for event in some if event.table == "imu"]
+        pieces += [*map(again.push, batches[until:]), again.finish()]
+        t = np.concatenate([rows.imu[:, 0] for rows, _ in pieces])
+        events = [event.kind for _, some in pieces for event in some if event.table == "imu"]
         assert len(t) == len(true["imu"])
         if from_now:
             assert events == ["gap"]

@@ -22,7 +22,7 @@ RATES = {"imu": 100.0, "tach": 20.0, "fixes": 0.5, "laser/a": 50.0}
 
 
 def table(t: Array, offset: float = 0.0) -> Array:
-    """Times, and a second column that tells the rows apart."""
+    """Times, and a second column that distinguishes the rows."""
     return np.column_stack([t, offset + np.arange(t.size)])
 
 

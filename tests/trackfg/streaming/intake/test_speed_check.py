@@ -64,7 +64,7 @@ def test_speeds_in_their_unit_are_passed_on(sources: tuple[str, ...]) -> None:
     assert seen(1.0, sources) == ([], DRIVEN_S)
 
 
-def test_positions_that_are_too_poor_to_tell_are_no_reason() -> None:
+def test_positions_that_are_too_poor_to_show_are_no_reason() -> None:
     assert seen(1.0, ("gnss",), sd_m=30.0) == ([], DRIVEN_S)
 
 

@@ -39,7 +39,7 @@ def places(step: WindowStep, away: list[float], sigma: float) -> PassedPlaces:
     return PassedPlaces(when, np.interp(when, t, D) + np.array(away), np.full(3, sigma), np.zeros(3))
 
 
-def told(step: WindowStep, passed: PassedPlaces, loss: Loss | None = None) -> tuple[Window, np.ndarray]:
+def window_with(step: WindowStep, passed: PassedPlaces, loss: Loss | None = None) -> tuple[Window, np.ndarray]:
     """The window without the keyframes that left, but with what the places say; and their weights."""
     rest, gone = step.window_without_first(LEAVING), step.marginalised_first(LEAVING)
     marginal = posterior_covariance(step.root).marginal[LEAVING]
@@ -57,7 +57,7 @@ def test_it_is_what_the_whole_window_would_have_said(step: WindowStep) -> None:
     seen = landmark(k, f, passed.distance, passed.sigma[:, None], None)
     at_origin = replace(step.window, states=step.linearisation_point)
     whole = at_origin.with_families(seen).gauss_newton_step()
-    late = told(step, passed)[0].gauss_newton_step()
+    late = window_with(step, passed)[0].gauss_newton_step()
     np.testing.assert_allclose(
         late.window.states.odo.array[:, :2], whole.window.states.odo.array[LEAVING:, :2], rtol=0.0, atol=2e-3
     )
@@ -67,7 +67,7 @@ def test_it_is_what_the_whole_window_would_have_said(step: WindowStep) -> None:
 
 
 def test_a_wrong_one_is_set_aside(step: WindowStep) -> None:
-    _, weight = told(step, places(step, [0.0, 25.0, 0.0], 0.05), Cauchy(3.0))
+    _, weight = window_with(step, places(step, [0.0, 25.0, 0.0], 0.05), Cauchy(3.0))
     assert weight[1] < 1e-3
     assert weight[[0, 2]] == pytest.approx(1.0, abs=0.2)
 

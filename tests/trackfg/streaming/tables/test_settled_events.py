@@ -56,15 +56,15 @@ def slipping() -> Simulation:
 
 
 @pytest.fixture(scope="module")
-def told(stream: Callable[..., Any], slipping: Simulation) -> pd.DataFrame:
+def reported(stream: Callable[..., Any], slipping: Simulation) -> pd.DataFrame:
     return table_of(stream(slipping.recording, lag_s=8.0).events)
 
 
-def test_slips_are_told_once_and_whole(told: pd.DataFrame, slipping: Simulation) -> None:
-    score = score_slips(told, slipping.slips.astype({"start_s": float, "end_s": float}), slipping.truth)
+def test_slips_are_reported_once_and_whole(reported: pd.DataFrame, slipping: Simulation) -> None:
+    score = score_slips(reported, slipping.slips.astype({"start_s": float, "end_s": float}), slipping.truth)
     assert score.recall == 1.0
     assert score.precision == 1.0
-    found = told[told["kind"].isin(SLIPS)]
+    found = reported[reported["kind"].isin(SLIPS)]
     assert found["kind"].tolist() == ["slip", "slide"]
     off = found["distance_removed_m"].to_numpy() - slipping.slips["distance_error_m"].to_numpy(dtype=float)
     assert (np.abs(off) < 4.0 * found["distance_removed_m_sd"] + 0.05).all()
@@ -72,22 +72,24 @@ def test_slips_are_told_once_and_whole(told: pd.DataFrame, slipping: Simulation)
     np.testing.assert_allclose(found["end_s"], slipping.slips["end_s"].astype(float), atol=1.5)
 
 
-def test_events_are_the_batch_smoothers(told: pd.DataFrame, slipping: Simulation) -> None:
+def test_events_are_the_batch_smoothers(reported: pd.DataFrame, slipping: Simulation) -> None:
     batch = smooth(slipping.recording).events
-    assert told["kind"].tolist() == batch["kind"].tolist()
-    np.testing.assert_allclose(told[["start_s", "end_s"]], batch[["start_s", "end_s"]], atol=2.0)
+    assert reported["kind"].tolist() == batch["kind"].tolist()
+    np.testing.assert_allclose(reported[["start_s", "end_s"]], batch[["start_s", "end_s"]], atol=2.0)
     slip = batch["kind"].isin(SLIPS)
-    np.testing.assert_allclose(told["distance_removed_m"][slip], batch["distance_removed_m"][slip], rtol=0.05, atol=0.1)
+    np.testing.assert_allclose(
+        reported["distance_removed_m"][slip], batch["distance_removed_m"][slip], rtol=0.05, atol=0.1
+    )
 
 
 def test_how_rows_are_grouped_makes_no_difference(
-    stream: Callable[..., Any], told: pd.DataFrame, slipping: Simulation
+    stream: Callable[..., Any], reported: pd.DataFrame, slipping: Simulation
 ) -> None:
     again = table_of(stream(slipping.recording, lag_s=8.0, batch_s=3.7).events)
-    pd.testing.assert_frame_equal(again, told, check_exact=True)
+    pd.testing.assert_frame_equal(again, reported, check_exact=True)
 
 
-def test_holes_are_told(stream: Callable[..., Any]) -> None:
+def test_holes_are_reported(stream: Callable[..., Any]) -> None:
     recording = simulate("mainline", seed=2, duration_s=105.0).recording
     events = table_of(stream(drop_tach(drop_imu(recording, 60.0, 62.0), 80.0, 95.0), lag_s=8.0).events)
     events = events.set_index("kind")
@@ -128,7 +130,7 @@ def test_gnss_outliers_are_runs(stream: Callable[..., Any]) -> None:
 
 
 @pytest.mark.slow
-def test_a_tach_that_is_stuck_for_long_is_told_in_parts(
+def test_a_tach_that_is_stuck_for_long_is_reported_in_parts(
     stream: Callable[..., Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("trackfg.streaming.tables.settled_events.LONGEST_S", 15.0)

@@ -202,9 +202,9 @@ def test_a_wrong_first_fix_is_got_over(run: Simulation) -> None:
     far = written.loc[np.abs(error) > 4.0 * written["chainage_m_sd"] + 0.02, "t_s"]
     assert len(far)
     assert far.between(doubt.t_s, doubt.until_s).all()
-    told = [kind for kind in kinds if kind in ("fix used", "fix set aside")]
-    assert len(told) == len(fixes)
-    assert told[1:] == ["fix used"] * (len(fixes) - 1)  # the first may be told before it is known to be wrong
+    reported = [kind for kind in kinds if kind in ("fix used", "fix set aside")]
+    assert len(reported) == len(fixes)
+    assert reported[1:] == ["fix used"] * (len(fixes) - 1)  # the first may be reported before it is known to be wrong
     for name in ("filtered", "smoothed"):
         for piece in pieces:
             table = getattr(piece, name)
@@ -231,7 +231,7 @@ def test_keyframes_that_had_left_the_window_shift_with_it(run: Simulation) -> No
 
 
 @pytest.mark.parametrize("on_map", [False, True])
-def test_where_a_map_tells_the_place_fixes_of_the_first_window_do_not_vote_either(
+def test_where_a_map_shows_the_place_fixes_of_the_first_window_do_not_vote_either(
     run: Simulation, on_map: bool
 ) -> None:
     fixes = pd.DataFrame({"t_s": [2.0, 4.0, 6.0], "chainage_m": [0.0, 0.0, 60.0], "chainage_sd_m": [0.1, 0.1, 0.1]})

@@ -83,7 +83,7 @@ def test_positions_that_the_stream_leaves_get_their_weight_again(grown: float, g
 
 
 def test_what_was_learnt_is_forgotten_where_others_err() -> None:
-    """Only positions that come later are judged; residuals of all still tell of positions that no receiver has."""
+    """Only positions that come later are judged; residuals of all still show positions that no receiver has."""
     residual = np.random.default_rng(1).standard_normal((300, 3))
     residual[200:240] += 4.0
     one = record(residual)

@@ -195,7 +195,7 @@ def test_sigmas_of_a_stream_hold_with_noise_of_motion_that_nobody_declared(strea
 
 @pytest.mark.slow
 def test_a_rest_shows_noise_that_nobody_declared(stream: Callable[..., Any]) -> None:
-    """By residuals alone such streams were off by 10 to 15 m: those of the start do not tell who errs."""
+    """By residuals alone such streams were off by 10 to 15 m: those of the start do not show which sensor errs."""
     run = train(2)
     ours = stream(with_noise(run, at_rest=True), lag_s=10.0, config=settings(adapt=False))
     assert max(excess_of(ours, run)) < 2.5

@@ -1,4 +1,4 @@
-"""A wheel that creeps for a while: fixes and the accelerometer tell a stream, and right fixes stay in it."""
+"""A wheel that creeps for a while: fixes and the accelerometer show it to a stream, and right fixes stay in it."""
 
 from __future__ import annotations
 
