@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import ast
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 
 import pytest
@@ -32,13 +32,24 @@ NO_NOUNS = frozenset(_NO_NOUNS.split())
 COVERED = ("datasets", "factors", "trackfg")
 
 
-def docstrings(path: Path) -> Iterator[tuple[int, str]]:
-    """Line and text of every docstring of a module, of its classes and its functions."""
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+def faults_in(folder: str, check: Callable[[ast.Module], Iterable[tuple[int, str]]]) -> list[str]:
+    """File, line and text of every fault of a folder's modules."""
+    modules = sorted((ROOT / folder).rglob("*.py"))
+    assert modules
+    return [
+        f"{path.relative_to(ROOT)}:{line}: {text}"
+        for path in modules
+        for line, text in sorted(check(ast.parse(path.read_text(encoding="utf-8"))))
+    ]
+
+
+def fragments(tree: ast.Module) -> Iterator[tuple[int, str]]:
+    """Line and first line of every docstring of a module, of its classes and its functions that is no sentence."""
+    for node in ast.walk(tree):
         if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef):
             text = ast.get_docstring(node)
-            if text:
-                yield node.body[0].lineno, text
+            if text and is_fragment(text):
+                yield node.body[0].lineno, text.splitlines()[0]
 
 
 def is_fragment(text: str) -> bool:
@@ -48,15 +59,7 @@ def is_fragment(text: str) -> bool:
 
 @pytest.mark.parametrize("folder", COVERED)
 def test_a_docstring_begins_a_sentence(folder: str) -> None:
-    modules = sorted((ROOT / folder).rglob("*.py"))
-    assert modules
-    wrong = [
-        f"{path.relative_to(ROOT)}:{line}: {text.splitlines()[0]}"
-        for path in modules
-        for line, text in docstrings(path)
-        if is_fragment(text)
-    ]
-    assert wrong == []
+    assert faults_in(folder, fragments) == []
 
 
 @pytest.mark.parametrize(
@@ -92,14 +95,7 @@ def _compares(value: ast.expr | None) -> bool:
 
 @pytest.mark.parametrize("folder", [*COVERED, "tools"])
 def test_a_local_variable_is_a_noun(folder: str) -> None:
-    modules = sorted((ROOT / folder).rglob("*.py"))
-    assert modules
-    wrong = [
-        f"{path.relative_to(ROOT)}:{line}: {name}"
-        for path in modules
-        for line, name in sorted(wrong_names(ast.parse(path.read_text(encoding="utf-8"))))
-    ]
-    assert wrong == []
+    assert faults_in(folder, wrong_names) == []
 
 
 @pytest.mark.parametrize(

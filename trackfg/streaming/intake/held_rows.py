@@ -22,6 +22,8 @@ from trackfg.streaming.events import LossReport
 
 NEWEST_RUNS = 15
 """The receiver's interval is the median of so many runs: a change of its rate is followed within as many."""
+_BEFORE_TACH = np.array([[-np.inf, np.nan]])
+"""A row of the tach before its first one: the distance is not known."""
 _EQUAL = 1e-6
 """Values that differ by less, m or m/s, are equal: conversion rounds, and no receiver repeats itself as closely."""
 
@@ -48,30 +50,24 @@ class _Run:
 
 @dataclass
 class HeldRows:
-    """Keeps the newest run of equal rows of each receiver's table, and the newest row of the tach, if there is one."""
+    """Keeps the newest run of equal rows of each receiver's table, and the newest row (0 or 1, 2) of the tach."""
 
     runs: dict[str, _Run] = field(default_factory=dict)
-    tach: Array | None = None
+    tach: Array = field(default_factory=lambda: np.zeros((0, 2)))
 
     def without(self, tables: Mapping[str, Array], report: LossReport) -> dict[str, Array]:
         """Return canonical tables without rows that hold values of a row before; these are reported."""
         out = dict(tables)
-        rolled = self._rolled(tables.get("tach"))
+        tach = tables.get("tach", self.tach[:0])
         for name in ("gnss", GNSS_SPEED_TABLE):
             if name in out and len(out[name]):
-                way = _way_m(rolled, out[name][:, 0])
+                way = _way_m(np.concatenate([_BEFORE_TACH, self.tach, tach]), out[name][:, 0])
                 used = np.array([self._measured(name, row, way_m) for row, way_m in zip(out[name], way, strict=True)])
                 report.lose("held", name, out[name][~used, 0])
                 out[name] = out[name][used]
+        if len(tach):
+            self.tach = tach[-1:].copy()
         return out
-
-    def _rolled(self, rows: Array | None) -> Array | None:
-        """Return rows of the tach (n, 2) from the newest one before on; None without any."""
-        if rows is None or not len(rows):
-            return self.tach
-        rolled = rows if self.tach is None else np.concatenate([self.tach, rows])
-        self.tach = rows[-1:].copy()
-        return rolled
 
     def _measured(self, name: str, row: Array, way_m: float) -> bool:
         """Return whether a row is a measurement of its own; ``way_m``: the tach's distance then."""
@@ -91,12 +87,9 @@ class HeldRows:
         return True
 
 
-def _way_m(rolled: Array | None, t: Array) -> Array:
-    """Return the tach's newest distance at times t (n,); NaN before its first row."""
-    if rolled is None:
-        return np.full(len(t), np.nan)
-    row = np.searchsorted(rolled[:, 0], t, side="right") - 1
-    return np.where(row >= 0, rolled[row, 1], np.nan)
+def _way_m(tach: Array, t: Array) -> Array:
+    """Return the newest distance of the tach's rows (m, 2) at times t (n,); NaN before the first."""
+    return np.asarray(tach[np.searchsorted(tach[:, 0], t, side="right") - 1, 1])
 
 
 def _moved(name: str, run: _Run, values: Array, t: float) -> bool:
