@@ -60,7 +60,7 @@ def chain_weights(z: Array, chain: Chain) -> Array:
 
 
 def chain_after(z: Array, chain: Chain) -> Chain:
-    """Return the chain that goes on after errors z (n,), as far as these determine it."""
+    """Return the chain with the probability of its first state after errors z (n,)."""
     if len(z) == 0:
         return chain
     if compiled_kernels():

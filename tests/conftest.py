@@ -30,8 +30,8 @@ settings.load_profile("any machine")
 
 def pytest_configure(config: pytest.Config) -> None:
     """Give the interpreters that tests start one folder for compiled modules where the environment has Python write
-    none: each would compile all that it imports anew, which takes a command longer than its work. The tests' own
-    process, and workers, go on as they began: libraries that are compiled here would warn, which is an error.
+    none: each would compile all that it imports anew, which takes a command longer than its work. The process of the
+    tests, and its workers, use no such folder: libraries that are compiled in them would warn, which is an error.
     """
     if not config.getoption("numprocesses", None) and os.environ.pop("PYTHONDONTWRITEBYTECODE", None):
         folder = tempfile.TemporaryDirectory(prefix="compiled-modules-", ignore_cleanup_errors=True)

@@ -106,18 +106,8 @@ def new_environment(folder: Path) -> Path:
 
 def install(python: Path, *what: object, cwd: Path, **variables: str) -> None:
     """Install, with environment variables beside those there are."""
-    command = [
-        sys.executable,
-        "-m",
-        "pip",
-        "--python",
-        python,
-        "install",
-        "--quiet",
-        "--no-deps",
-        "--no-compile",
-        *what,
-    ]
+    pip = [sys.executable, "-m", "pip", "--python", python, "install"]
+    command = [*pip, "--quiet", "--no-deps", "--no-compile", *what]
     run(*command, cwd=cwd, **variables)
 
 

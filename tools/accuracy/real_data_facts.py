@@ -207,14 +207,18 @@ def _comma_imu_clock(run: RealRun, folder: Path) -> None:
         for window in (0.3, 0.6, 1.0, 2.0):
             force = gained(t + window) - gained(t)
 
-            def misfit(shift: float, window: float = window, force: Array = force) -> float:
-                change = np.interp(t + window + shift, times, speed) - np.interp(t + shift, times, speed)  # noqa: B023
-                return float(np.std(change - np.polyval(np.polyfit(force, change, 1), force)))
-
-            late.append(minimize_scalar(misfit, bounds=(-0.2, 0.2), method="bounded").x)
+            inputs = (window, force, t, times, speed)
+            late.append(minimize_scalar(_clock_misfit, args=inputs, bounds=(-0.2, 0.2), method="bounded").x)
         print(
             f"  {name} late on the accelerometer, ms, by windows of 0.3, 0.6, 1, 2 s: {np.round(1e3 * np.array(late))}"
         )
+
+
+def _clock_misfit(shift: float, window: float, force: Array, t: Array, times: Array, speed: Array) -> float:
+    """Return how far gains of ``speed`` (n,) at ``times`` from ``t`` (m,) on, ``shift`` later, are from a line of
+    ``force`` (m,), m/s."""
+    change = np.interp(t + window + shift, times, speed) - np.interp(t + shift, times, speed)
+    return float(np.std(change - np.polyval(np.polyfit(force, change, 1), force)))
 
 
 def _integral(imu: pd.DataFrame, rate: Array | pd.Series, interval_s: float) -> Callable[[Array], Array]:

@@ -1,7 +1,7 @@
 """Streams that end before their end: the process is killed, or the disk is full.
 
 What was written until then must be whole, and the same as what a stream that nothing happened to writes first. Then the
-stream goes on from its last checkpoint, as often as it takes; in the end nothing must show that anything was.
+stream is resumed from its last checkpoint until it ends; its output must be that of a stream without interruption.
 """
 
 from __future__ import annotations

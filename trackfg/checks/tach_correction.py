@@ -5,8 +5,7 @@ of 3.6 is one slip from the first interval to the last, and nothing contradicts 
 vehicle's acceleration is. In a band in which both show starts and stops, and neither gradients nor rounding, force is
 k times the tach's acceleration. The slope of force on acceleration is too small by the noise of the tach, the inverse
 of the slope of acceleration on force too large by all else that the accelerometer measures; k lies between them
-(Frisch,
-*Statistical confluence analysis*, 1934).
+(Frisch, *Statistical confluence analysis*, 1934).
 """
 
 from __future__ import annotations

@@ -118,14 +118,16 @@ def _clocks() -> Iterator[_Scalar]:
 def _calibration() -> Iterator[_Scalar]:
     column = count()
     hint = "declare {} of [imu.noise] as large"
-    for name, key, unit, inputs in (("accelerometer", "accel", "force", "xy"), ("gyro", "gyro", "angular rate", "xyz")):
+    triads = (("accelerometer", "accel", "force", "xy"), ("gyro", "gyro", "angular rate", "xyz"))
+    for name, key, signal, inputs in triads:
         for axis, other in product("xyz", inputs):
-            text, declared = f"the {name}'s {axis} axis has {{}} % of the {unit} along {other}", "misalignment_sd_rad"
+            text = f"the {name}'s {axis} axis senses {{}} % of the {signal} along {other}"
+            declared = "misalignment_sd_rad"
             if axis == other:
                 text, declared = f"the scale of the {name}'s {axis} axis is off by {{}} %", f"{key}_scale_sd"
             yield _Scalar(next(column), text, hint.format(declared), 100.0)
     for axis, other in product("xyz", "xy"):
-        text = f"the gyro's {axis} axis has {{}} rad/s per m/s^2 along {other}"
+        text = f"the gyro's {axis} axis senses {{}} rad/s per m/s^2 along {other}"
         yield _Scalar(next(column), text, hint.format("g_sensitivity_sd"))
     column, text = count(EARTH.start), "the Earth turns about the axis {} by {{}} deg/h"
     for axis in ("of the heading at the start", "to the left of the heading at the start"):
