@@ -30,6 +30,7 @@ LOSS_KINDS = {
     "position-range": "no such position on the Earth",
     "tach-jump": "the tach runs faster than 170 m/s, or backwards although it is declared unsigned",
     "speed-jump": "a speed over ground above 170 m/s, or below zero although it has no sign",
+    "silent": "below the lowest speed that the sensor measures",
     "stuck-channel": "shows one value again and again: stuck, or at the end of its range",
     "contradicted": "speeds that the receiver's positions, or the tach, contradict, as those in another unit",
     "held": "the values of a row before again: the table is written faster than the receiver measures",

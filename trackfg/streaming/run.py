@@ -35,8 +35,8 @@ from trackfg.streaming.sources.source import Source
 
 _MANY_UNREADABLE = 0.01
 """A larger share of the input is a fault of the sender, not of a line here and there."""
-_NO_LOSS = ("duplicate", "held")
-"""Kinds of events that leave out what was passed on before."""
+_NO_LOSS = ("duplicate", "held", "silent")
+"""Kinds of events that leave out what was passed on before, or what measures nothing."""
 
 
 @dataclass

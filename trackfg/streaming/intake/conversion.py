@@ -44,7 +44,7 @@ class Conversion:
         return gnss.origin if isinstance(gnss, GnssConverter) else None
 
     def converted(self, raw: RowTables, report: LossReport) -> dict[str, Array]:
-        """Return canonical rows; those with impossible positions or speeds go to the ``report``."""
+        """Return canonical rows; those with impossible or silent values go to the ``report``."""
         tables, parts = {}, described_tables(self.description)
         for name, rows in raw.items():
             rows = self._possible(name, rows, report)
@@ -52,7 +52,9 @@ class Conversion:
                 t, *columns = rows.T
                 converted = np.column_stack([t, *self._converters[name](t, columns)])
                 if format_of(parts[name]).may_be_silent:
-                    converted = converted[np.isfinite(converted).all(axis=1)]
+                    says = np.isfinite(converted).all(axis=1)
+                    report.lose("silent", name, t[~says])
+                    converted = converted[says]
                 tables[name] = converted
         states = ((name, converter.state()) for name, converter in self._converters.items())
         self.carried = {name: json.dumps(state) for name, state in states if state is not None}

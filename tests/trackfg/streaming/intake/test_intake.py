@@ -236,6 +236,14 @@ def test_impossible_sigmas_and_positions_and_speeds_are_reported(draft: Draft) -
     assert {(event.kind, event.rows) for event in report.end_of_stream()} == {("position-range", 1), ("tach-jump", 2)}
 
 
+def test_speeds_below_the_lowest_that_a_sensor_measures_are_reported(draft: Draft) -> None:
+    draft.toml["speed"] = [{"file": "speed.csv", "column": "v", "unit": "m/s", "lowest_mps": 0.5}]
+    conversion, report = Conversion(RecordingDescription.model_validate(draft.toml)), LossReport()
+    tables = conversion.converted({"speed/1": np.array([[0.0, 0.4], [1.0, 0.6], [2.0, 0.0]])}, report)
+    np.testing.assert_allclose(tables["speed/1"], [[1.0, 0.6]])
+    assert [(event.kind, event.table, event.rows) for event in report.end_of_stream()] == [("silent", "speed/1", 2)]
+
+
 def test_speeds_over_ground_of_no_vehicle_are_reported(draft: Draft) -> None:
     draft.toml["speed"] = [{"file": "speed.csv", "column": "v", "unit": "km/h"}]
     draft.toml["gnss_speed"] = {"file": "gnss.csv", "column": "v"}
