@@ -194,15 +194,18 @@ def _receivers_velocity(drive: Drive, frame: str, north: float) -> Callable[[Any
 
 
 def _fix_without(drive: Drive, covariance: float, kind: int, *, heights: bool) -> Callable[[Any, int], Any]:
+    """Fixes whose covariance is of a ``kind``, every fourth of no status (-2) and of a covariance that is known."""
+
     def message(types: Any, i: int) -> Any:
+        known = i % 4 == 3
         return types["sensor_msgs/msg/NavSatFix"](
             header=_head(types, drive.gnss_ns[i]),
-            status=types["sensor_msgs/msg/NavSatStatus"](status=0, service=1),
+            status=types["sensor_msgs/msg/NavSatStatus"](status=-2 if known else 0, service=1),
             latitude=float(drive.latitude[i]),
             longitude=float(drive.longitude[i]),
             altitude=float(drive.height[i]) if heights else float("nan"),
-            position_covariance=np.full(9, covariance),
-            position_covariance_type=kind,
+            position_covariance=np.full(9, 0.04 if known else covariance),
+            position_covariance_type=2 if known else kind,
         )
 
     return message
@@ -258,7 +261,11 @@ def test_positions_without_covariance_or_height_keep_their_place(
 
     assert gnss is not None
     np.testing.assert_allclose(gnss["t_s"], drive.gnss_t, atol=2e-9)
-    assert (gnss.to_numpy()[:, 4:] == [3.0, 3.0, 6.0 if heights else 1000.0]).all()
+    sd, known = gnss.to_numpy()[:, 4:], np.arange(len(gnss)) % 4 == 3
+    assert (sd[~known] == [3.0, 3.0, 6.0 if heights else 1000.0]).all()
+    np.testing.assert_allclose(sd[known], [[0.2, 0.2, 0.2 if heights else 1000.0]] * 5)
+    assumed = [note for table in source_format(bag).tables(bag, lambda _: None) for note in table.notes]
+    assert assumed == ["/fix: 15 of 20 positions have no covariance: their sigmas are assumed, 3, 3 and 6 m"]
 
 
 def test_cells_and_times_of_messages() -> None:

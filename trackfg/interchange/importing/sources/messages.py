@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
+from trackfg.interchange.importing.proposal import GNSS_SD_M
 from trackfg.interchange.importing.source_table import SourceTable, holds_numbers
 
 STAMP = "stamp_ns"
 """The column of times, ns since 1970."""
 SIGMAS = ("sd_east_m", "sd_north_m", "sd_up_m")
-"""Columns that a covariance of positions becomes; 0 where it is unknown."""
+"""Columns that a covariance of positions becomes."""
 _STAMPS = ("header", "timestamp", "stamp", "time")
 """Fields of a message that are, or hold, the time of its measurement."""
 _BARE = (("data",), ("value",))
@@ -53,7 +55,22 @@ class MessageTables:
                 if tuple(columns) in _BARE:
                     frame.columns = pd.Index([topic.rpartition("/")[2]])
                 frame.insert(0, STAMP, np.array(self._stamps[topic], dtype=np.int64))
-                yield SourceTable(topic, frame)
+                yield _with_sigmas(SourceTable(topic, frame))
+
+
+def _with_sigmas(table: SourceTable) -> SourceTable:
+    """Return a table whose positions of unknown covariance have the usual sigmas of a receiver, with a note of it."""
+    if not set(SIGMAS) <= set(table.columns):
+        return table
+    sd = table.frame[list(SIGMAS)].to_numpy()
+    unknown = ~(sd > 0.0).all(axis=1)
+    if not unknown.any():
+        return table
+    frame = table.frame.assign(**dict(zip(SIGMAS, np.where(unknown[:, None], GNSS_SD_M, sd).T, strict=True)))
+    assumed = f"{np.count_nonzero(unknown)} of {unknown.size} positions have no covariance"
+    east, north, up = GNSS_SD_M
+    note = f"{table.name}: {assumed}: their sigmas are assumed, {east:g}, {north:g} and {up:g} m"
+    return replace(table, frame=frame, notes=(*table.notes, note))
 
 
 def _column(cells: tuple[float | str | None, ...]) -> np.ndarray | pd.Series:

@@ -12,7 +12,7 @@ import numpy as np
 
 from trackfg.errors import BadInputError
 from trackfg.files.libraries import library
-from trackfg.interchange.importing.proposal import GNSS_SD_M, UNKNOWN_HEIGHT_SD_M
+from trackfg.interchange.importing.proposal import UNKNOWN_HEIGHT_SD_M
 from trackfg.interchange.importing.source_format import DialectFor, SourceFormat, readable, refuse_empty, starts_with
 from trackfg.interchange.importing.source_table import SourceTable
 from trackfg.interchange.importing.sources.mcap_json import MCAP
@@ -30,7 +30,8 @@ _IMU_COLUMNS = ("gyro_x", "gyro_y", "gyro_z", "accel_x", "accel_y", "accel_z")
 _FIX_COLUMNS = ("latitude", "longitude", "altitude", *SIGMAS)
 _TWIST_COLUMNS = ("speed_mps", "across_mps")
 _NO_FIX, _UNKNOWN = -1, 0
-"""Of ``NavSatFix``: the status without a position, and the type of a covariance that says nothing."""
+"""Of ``NavSatFix``: the status without a position, and the type of a covariance that says nothing. A driver that sets
+no status leaves -2 (ROS 2 Jazzy)."""
 _ACROSS = 0.1
 """A vehicle on a track moves across it by less than this share of its speed: a velocity with more is not along x."""
 _RECEIVER = re.compile(r"gps|gnss|navsat|ublox|novatel", re.IGNORECASE)
@@ -47,7 +48,7 @@ def _imu(message: Any) -> dict[str, float]:
 def _fix(message: Any) -> dict[str, float]:
     known = message.position_covariance_type != _UNKNOWN
     sd = sigmas_of(message.position_covariance if known else ())
-    place = (message.latitude, message.longitude) if message.status.status > _NO_FIX else (np.nan, np.nan)
+    place = (message.latitude, message.longitude) if message.status.status != _NO_FIX else (np.nan, np.nan)
     return dict(zip(_FIX_COLUMNS, (*place, message.altitude, *sd), strict=True))
 
 
@@ -122,9 +123,8 @@ class RosBag(SourceFormat):
             if force[2] >= np.abs(force).max():  # else it lies in its frame as no frame of REP 103 does
                 sections["imu"]["axes"] = "FLU"
         if fix is not None:
-            known = bool((fix.numbers("sd_east_m") > 0.0).all())
             position: list[Any] = list(_FIX_COLUMNS[:3])
-            sd: list[Any] = list(SIGMAS if known else GNSS_SD_M)
+            sd: list[Any] = list(SIGMAS)
             if not np.isfinite(fix.numbers("altitude")).all():
                 position[2], sd[2] = 0.0, UNKNOWN_HEIGHT_SD_M
             sections["gnss"] = {"file": fix.name, **time, "position": position, "sd": sd}
