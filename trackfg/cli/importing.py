@@ -40,7 +40,7 @@ _SHOWN = {
         "rigid": ("follows the track", ""),
     },
     "tach": {"column": ("wheel", "unit"), "pulses_per_rev": ("pulses per turn", ""), "signed": ("knows direction", "")},
-    "gnss": {"position": ("positions", ""), "sd": ("their sigmas", "")},
+    "gnss": {"position": ("positions", ""), "crs": ("their reference system", ""), "sd": ("their sigmas", "")},
     "gnss_speed": {"column": ("receiver's speed", "unit"), "sd": ("its sigma", "unit")},
     "balises": {"id": ("balises", ""), "chainage": ("their places", "chainage_unit")},
     "fixes": {"chainage": ("fixes", "chainage_unit"), "sd": ("their sigma", "")},

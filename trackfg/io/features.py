@@ -75,10 +75,10 @@ def read_features(path: Path) -> list[Feature]:
     return list(_of_geojson(path))
 
 
-def in_wgs_84(xy: Array, system: str, where: str, hint: str = "") -> Array:
+def in_wgs_84(xy: Array, system: str, where: str, hint: str = "", each: str = "vertex") -> Array:
     """Return x and y (n, 2) of a reference system as latitude and longitude, deg.
 
-    Raises :class:`BadInputError`, which ends in ``hint``, where they are none of that system.
+    Raises :class:`BadInputError`, which ends in ``hint``, where they are none of that system; ``each`` is one of them.
     """
     if system == WGS_84:
         longitude, latitude = xy.T
@@ -92,7 +92,7 @@ def in_wgs_84(xy: Array, system: str, where: str, hint: str = "") -> Array:
     bad = ~((np.abs(longitude) <= 360.0) & (np.abs(latitude) <= 90.0))
     if bad.any():
         k = int(np.argmax(bad))
-        place = f"{where}, vertex {k + 1}: ({xy[k, 0]:g}, {xy[k, 1]:g})"
+        place = f"{where}, {each} {k + 1}: ({xy[k, 0]:g}, {xy[k, 1]:g})"
         raise BadInputError(f"{place} is no place in {system}: expected longitude and latitude there{hint}")
     return np.column_stack([latitude, longitude])
 

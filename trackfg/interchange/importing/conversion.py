@@ -221,7 +221,8 @@ def _part(sensor: MappedSensor, tables: Sequence[SourceTable], mapping: Mapping)
     measured = [values for name, values in columns.items() if not name.startswith(_CONSTANT)]
     keep, notes = _says_something(sensor, table, columns)
     if sensor.kind == "gnss":
-        keep &= ~np.all([values == 0.0 for values in measured[:2]], axis=0)  # what receivers write without a fix
+        plan = np.stack(measured[:2])
+        keep &= np.isfinite(plan).all(axis=0) & (plan != 0.0).any(axis=0)  # what receivers write without a fix
         columns = _by_quality(sensor, table, columns, keys)
     if sensor.kind == "gnss_speed":
         speed, *sd = measured

@@ -40,9 +40,9 @@ class _Reading(BaseModel):
 
     ``file`` may be a pattern; two of them are the gyro's and the accelerometer's. ``time`` is a column, or the date's
     and the time of day's, or :data:`~trackfg.interchange.importing.source_table.ROW_NUMBER`. The keys of times are
-    those of :class:`~trackfg.interchange.importing.times.TimeNotation`. ``valid`` is the column that says whether a
-    position is one, ``dop`` that of the dilution of precision, by which constant sigmas are multiplied, ``quality``
-    that of NMEA's quality: constant sigmas are those of quality 1.
+    those of :class:`~trackfg.interchange.importing.times.TimeNotation`. ``crs`` is the reference system of easting and
+    northing. ``valid`` is the column that says whether a position is one, ``dop`` that of the dilution of precision, by
+    which constant sigmas are multiplied, ``quality`` that of NMEA's quality: constant sigmas are those of quality 1.
     """
 
     model_config = ConfigDict(extra="ignore", frozen=True)
@@ -57,6 +57,7 @@ class _Reading(BaseModel):
     chainage_unit: Bare = "m"
     height_unit: str = "m"
     position_unit: str = "deg"
+    crs: str | None = None
     increments: bool = False
     valid: str | None = None
     dop: str | None = None

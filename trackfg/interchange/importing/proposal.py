@@ -17,6 +17,7 @@ from trackfg.interchange.importing.balise_places import COLUMNS
 from trackfg.interchange.importing.columns.calendar_columns import COMPOSED, parts_of_dates
 from trackfg.interchange.importing.columns.column_meaning import first_of, kind_in
 from trackfg.interchange.importing.columns.column_names import parts_of
+from trackfg.interchange.importing.columns.plan_columns import are_projected, plan_columns, stated_system, system_of
 from trackfg.interchange.importing.columns.receiver_state import (
     RANGE_SD_M,
     dilution_column,
@@ -35,6 +36,7 @@ from trackfg.interchange.importing.proposals.tach_proposal import propose_tach
 from trackfg.interchange.importing.source_table import SourceTable
 from trackfg.interchange.importing.stations import bare_unit, place_columns
 from trackfg.interchange.importing.times import is_zone
+from trackfg.io.features import LOCAL
 from trackfg.numerics.chainage.km_notation import metres_of
 
 FIX_SD_M = 1.0
@@ -49,7 +51,7 @@ UNKNOWN_HEIGHT_SD_M = 1000.0
 RAW_DEGREES = "1e-7 deg"
 """Unit of coordinates in messages of u-blox and of MAVLink."""
 _RIGHT_ANGLE = 90.0
-_NUMBERS = ("gyro", "accel", "free_accel", "count", "distance", "speed", "latitude", "longitude")
+_NUMBERS = ("gyro", "accel", "free_accel", "count", "distance", "speed", "latitude", "longitude", "easting", "northing")
 """Kinds of columns that are lost where a cell is text."""
 
 
@@ -76,7 +78,7 @@ def propose_columns(tables: Sequence[SourceTable], ask: Ask, given: dict[str, An
     if "tach" not in proposal.sections:
         propose_tach(proposal, tables, ask)
     if "gnss" not in proposal.sections:
-        _gnss(proposal, tables)
+        _gnss(proposal, tables, ask)
     if "gnss_speed" not in proposal.sections:
         propose_receiver_speed(proposal, tables)
     if "balises" not in proposal.sections:
@@ -89,10 +91,9 @@ def propose_columns(tables: Sequence[SourceTable], ask: Ask, given: dict[str, An
     return proposal
 
 
-def _gnss(proposal: Proposal, tables: Sequence[SourceTable]) -> None:
+def _gnss(proposal: Proposal, tables: Sequence[SourceTable], ask: Ask) -> None:
     for table in tables:
-        latitude, longitude = first_of(table, "latitude"), first_of(table, "longitude")
-        if latitude is None or longitude is None:
+        if (plan := plan_columns(table)) is None:
             continue
         height = first_of(table, "height")
         across, up = first_of(table, "sd_horizontal"), first_of(table, "sd_vertical")
@@ -106,19 +107,23 @@ def _gnss(proposal: Proposal, tables: Sequence[SourceTable]) -> None:
         if set(stated) <= set(table.columns):
             sd = list(stated)
             proposal.reasons.pop("gnss.sd", None)
-        position = [latitude, longitude, height or 0.0]
+        position = [*plan, height or 0.0]
         section = {"file": table.name, **proposal.times_of(table), "position": position, "sd": sd}
-        unit = _unit_of_position(table, latitude)
-        if unit != "deg":
-            section["position_unit"] = unit
-        if unit == RAW_DEGREES and height is not None and unit_in(table.units.get(height) or height, "length") is None:
+        section |= (
+            _system(proposal, table, plan, ask) if are_projected(table, plan) else _unit_of_position(table, plan[0])
+        )
+        if (
+            section.get("position_unit") == RAW_DEGREES
+            and height is not None
+            and unit_in(table.units.get(height) or height, "length") is None
+        ):
             section["height_unit"] = "mm"  # as in messages of u-blox, whose sigmas are in mm, too
             section["sd"] = list(GNSS_SD_M)
             proposal.reasons["gnss.sd"] = "m, east, north, up: assumed, since the source states no unit of its own"
         stated_height = unit_in(table.units.get(height) or height, "length") if height is not None else None
         if stated_height is not None and factor_of(stated_height, "length") != 1.0:
             section["height_unit"] = stated_height
-        section |= _validity(proposal, table, latitude)
+        section |= _validity(proposal, table, plan[0])
         if "gnss.sd" in proposal.reasons:
             section |= _precision(proposal, table)
         proposal.sections["gnss"] = section
@@ -147,26 +152,48 @@ def _validity(proposal: Proposal, table: SourceTable, latitude: str) -> dict[str
     return {"valid": name}
 
 
-def _unit_of_position(table: SourceTable, latitude: str) -> str:
-    """Return the unit of coordinates: radians where they are stated, whole numbers of 1e-7 deg as receivers have them.
+def _system(proposal: Proposal, table: SourceTable, plan: tuple[str, str], ask: Ask) -> dict[str, str]:
+    """Return the key of the reference system of easting and northing, which is asked where the table states none."""
+    system = stated_system(table, plan)
+    proposal.reasons["gnss.crs"] = "the table states it"
+    if system is None:
+        text = (
+            f"Reference system of {' and '.join(plan)}, such as EPSG:25832 or UTM 32N; local: east and north in metres"
+        )
+        expected = "an EPSG code such as EPSG:25832, a zone such as UTM 32N, or local"
+        question = Question(
+            "gnss.crs", text, "", accepts=lambda name: _system_named(name) is not None, expected=expected
+        )
+        system = _system_named(asked(ask, question))
+        proposal.reasons["gnss.crs"] = "the table does not state it"
+    return {"frame": LOCAL} if system == LOCAL or system is None else {"crs": system}
+
+
+def _system_named(answer: str) -> str | None:
+    """Return the reference system of an answer, also of the number of an EPSG code; None where it is none."""
+    answer = answer.strip()
+    return LOCAL if answer.casefold() == LOCAL else system_of(f"EPSG:{answer}" if answer.isdecimal() else answer)
+
+
+def _unit_of_position(table: SourceTable, latitude: str) -> dict[str, str]:
+    """Return the key of a unit other than degrees: radians where they are stated, whole numbers of 1e-7 deg as
+    receivers have them.
 
     Raises :class:`BadInputError` for degrees and minutes in one number.
     """
     stated = table.units.get(latitude) or parts_of(latitude).unit
     if factor_of(stated, "angle") == 1.0:
-        return "rad"
+        return {"position_unit": "rad"}
     values = table.numbers(latitude)
     largest = float(np.nanmax(np.abs(values))) if np.isfinite(values).any() else 0.0
-    if largest <= _RIGHT_ANGLE:
-        return "deg"
-    if largest <= _RIGHT_ANGLE * 1e7 and bool((np.nan_to_num(values) % 1.0 == 0.0).all()):
-        return RAW_DEGREES
-    if largest <= _RIGHT_ANGLE * 100.0:
+    if _RIGHT_ANGLE < largest <= _RIGHT_ANGLE * 1e7 and bool((np.nan_to_num(values) % 1.0 == 0.0).all()):
+        return {"position_unit": RAW_DEGREES}
+    if _RIGHT_ANGLE < largest <= _RIGHT_ANGLE * 100.0:
         raise BadInputError(
             f"{table.name}: column {latitude!r} has values up to {largest:g}, degrees and minutes in one number "
             "(ddmm.mmmm); expected degrees. Hint: write degrees + minutes / 60 with a sign, or import the NMEA log"
         )
-    return "deg"
+    return {}
 
 
 def _balises(proposal: Proposal, tables: Sequence[SourceTable]) -> None:

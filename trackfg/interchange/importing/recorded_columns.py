@@ -13,6 +13,7 @@ from trackfg.interchange.importing.columns.column_meaning import INCREMENT_OF, Q
 from trackfg.interchange.importing.columns.written_units import Quantity, factor_of, recorded_unit
 from trackfg.interchange.importing.mapping import MappedSensor
 from trackfg.interchange.importing.times import Times, unwrapped
+from trackfg.io.features import LOCAL, in_wgs_84
 from trackfg.numerics import geodesy
 from trackfg.numerics.arrays import Array
 
@@ -22,6 +23,9 @@ _EXAMPLES: dict[Quantity, str] = {
     "speed": "m/s, km/h, mph, or with wheel_diameter_m rpm",
     "length": "m, mm, ft, or 0.25 mm of a count",
 }
+
+_GEODETIC = ("latitude_deg", "longitude_deg")
+"""Columns that easting and northing become."""
 
 Columns = dict[str, Array]
 
@@ -42,9 +46,16 @@ def in_recorded_units(
         if keys["kind"] == "pulses":
             return columns, keys
     if sensor.kind == "gnss":
-        latitude, longitude, height = keys["position"]
-        for name in (latitude, longitude):
-            columns[name] = columns[name] * _factor_of_position(sensor, sensor.reading.position_unit, "angle")
+        *plan, height = keys["position"]
+        if sensor.reading.crs is not None:
+            place = in_wgs_84(
+                np.stack([columns.pop(name) for name in plan], axis=1), sensor.reading.crs, "[gnss] crs", each="row"
+            )
+            columns |= dict(zip(_GEODETIC, place.T, strict=True))
+            keys["position"] = [*_GEODETIC, height]
+        elif keys.get("frame") != LOCAL:
+            for name in plan:
+                columns[name] = columns[name] * _factor_of_position(sensor, sensor.reading.position_unit, "angle")
         columns[height] = columns[height] * _factor_of_position(sensor, sensor.reading.height_unit, "length")
     for key, unit_key, quantity in _quantities(sensor, keys):
         unit = keys.get(unit_key)
@@ -61,7 +72,7 @@ def in_recorded_units(
 
 def in_plan(sensor: MappedSensor, position: Array) -> Array:
     """Return where positions (n, 3), in the units of their table, are in plan about the first, m. Shape (n, 2)."""
-    if sensor.keys.get("frame") == "local":
+    if sensor.keys.get("frame") == LOCAL or sensor.reading.crs is not None:
         return position[:, :2] - position[:1, :2]
     geodetic = position * _factor_of_position(sensor, sensor.reading.position_unit, "angle")
     geodetic[:, 2] = 0.0  # in a unit of its own, and without influence

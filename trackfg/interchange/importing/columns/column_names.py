@@ -25,6 +25,9 @@ _OTHER = re.compile(
     r"\b(min|max|mean|avg)\b|^(motion )?(gravity|schwerkraft)\b(?! ?free)|^motiongravity"
 )
 """Quantities beside a gyro and an accelerometer that have axes too, and statistics of theirs."""
+_NO_RATE = r"^(?!.*\b(vel|acc|std|sd|sigma|err|var))"
+_GRID = "(utm|etrs|epsg|lv)"
+"""Easting and northing are those of no velocity and no sigma; they may stand beside the name of a reference system."""
 _PATTERNS = {
     "free_accel": r"linear.?acc|user.?acc|without.?g|ohne.?g|free.?acc|(?<!in)lin.?acc|gravity.?free|线性加速度",
     "gyro": (
@@ -47,7 +50,9 @@ _PATTERNS = {
     "longitude": (
         r"^lon(?!g.?acc)|^lng|longitude|länge|laenge|経度|经度|(?<=gps )lon(?!g?.?acc)|(?<=gnss )lon(?!g?.?acc)"
     ),
-    "height": r"^alt|altitude|height|höhe|hoehe|^h$|ellh|(?<=gps )alt|(?<=gnss )alt",
+    "easting": rf"{_NO_RATE}.*(\beast(ing)?\b|rechtswert|ostwert)|^e$|^[ex]\W*{_GRID}|{_GRID}[\w ]* ?[ex]$",
+    "northing": rf"{_NO_RATE}.*(\bnorth(ing)?\b|hochwert|nordwert)|^n$|^[ny]\W*{_GRID}|{_GRID}[\w ]* ?[ny]$",
+    "height": r"^alt|^elev|altitude|height|höhe|hoehe|^h$|ellh|(?<=gps )alt|(?<=gnss )alt",
     "sd_horizontal": r"h(or\w*)?[ _]?acc|horizontal.?accuracy|^((gps|gnss|location)[ _])?accuracy|sd[ _]?[neh]\b",
     "sd_vertical": r"v(er\w*)?[ _]?acc\b|vertical.?accuracy|altitude.?accuracy|sd[ _]?[uv]\b",
     "time": (

@@ -11,8 +11,9 @@ import pandas as pd
 
 from trackfg.checks.limits import CheckLimits
 from trackfg.errors import BadInputError
-from trackfg.interchange.importing.columns.column_meaning import first_of, has_axes_beside, kind_in, stem_of
+from trackfg.interchange.importing.columns.column_meaning import has_axes_beside, kind_in, stem_of
 from trackfg.interchange.importing.columns.column_names import parts_of
+from trackfg.interchange.importing.columns.plan_columns import plan_columns
 from trackfg.interchange.importing.columns.time_columns import is_sample_counter
 from trackfg.interchange.importing.columns.written_units import factor_of, unit_in
 from trackfg.interchange.importing.proposals.questions import Ask, Proposal, Question, asked_number, asked_unit
@@ -119,11 +120,11 @@ def _speed(proposal: Proposal, table: SourceTable, name: str, ask: Ask) -> dict[
 
 
 def _is_wheels(table: SourceTable, name: str, imu: str | list[str], ask: Ask) -> bool:
-    """Return whether a speed or a distance is a wheel's and not the receiver's, which has latitudes beside it.
+    """Return whether a speed or a distance is a wheel's and not the receiver's, which has positions beside it.
 
     Where a table has inertial samples too, and the name does not say which it is, the user is asked.
     """
-    if first_of(table, "latitude") is None or _WHEEL.search(name.casefold()):
+    if plan_columns(table) is None or _WHEEL.search(name.casefold()):
         return True
     if table.name != imu:
         return False

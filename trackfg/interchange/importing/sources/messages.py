@@ -63,10 +63,10 @@ def _with_sigmas(table: SourceTable) -> SourceTable:
     if not set(SIGMAS) <= set(table.columns):
         return table
     sd = table.frame[list(SIGMAS)].to_numpy()
-    unknown = ~(sd > 0.0).all(axis=1)
+    unknown = np.any(~(sd > 0.0), axis=1, keepdims=True)
     if not unknown.any():
         return table
-    frame = table.frame.assign(**dict(zip(SIGMAS, np.where(unknown[:, None], GNSS_SD_M, sd).T, strict=True)))
+    frame = table.frame.assign(**dict(zip(SIGMAS, np.where(unknown, GNSS_SD_M, sd).T, strict=True)))
     assumed = f"{np.count_nonzero(unknown)} of {unknown.size} positions have no covariance"
     east, north, up = GNSS_SD_M
     note = f"{table.name}: {assumed}: their sigmas are assumed, {east:g}, {north:g} and {up:g} m"
