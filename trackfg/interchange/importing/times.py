@@ -73,6 +73,9 @@ _CLOCK_FORMATS = ("%H:%M:%S.%f", "%H:%M:%S")
 _COLON_BEFORE_MS = re.compile(r"(\d:\d{2}:\d{2}):(\d{3})$")
 _LEAST_RANGE = 256
 """That of a counter of 8 bit: what starts again after less may as well be a vehicle that turns round."""
+_OF_AN_HOUR = r"(\d{1,2}):([0-5]\d\.\d+)"
+"""Minutes and seconds, as a spreadsheet shows times with fractions by default (``mm:ss.0``): the hour is lost."""
+_HOUR_S = 3_600
 _DAY_S = 86_400
 _DAY_NS = _DAY_S * 1_000_000_000
 
@@ -99,13 +102,15 @@ class TimeNotation:
 class Times:
     """Times are either on the calendar, ``ns`` (n,) since 1970 UTC, or ``seconds`` (n,) from a zero of their own.
 
-    That zero is midnight where they are times of day, written in ``zone``. ``notes`` say what reading has assumed.
+    That zero is midnight where they are times of day, written in ``zone``, and a full hour where they are times of an
+    hour, ``of_hour``. ``notes`` say what reading has assumed.
     """
 
     ns: np.ndarray | None
     seconds: Array | None
     zone: tzinfo | None = None
     notes: tuple[str, ...] = ()
+    of_hour: bool = False
 
     def since(self, start_ns: int | None) -> Array:
         """Return seconds since ``start_ns``, or since their own zero where they are not on the calendar."""
@@ -129,8 +134,11 @@ class Times:
     def beside(self, others: Sequence[Times]) -> Times:
         """Return times of day on the day of ``others``: the first of those with dates, else the first times of day.
 
-        They begin less than half a day before or after these. Other times stay what they are.
+        They begin less than half a day before or after these. Times of an hour are those of the hour of ``others``, and
+        begin less than half an hour before or after these. Other times stay what they are.
         """
+        if self.of_hour:
+            return self._of_their_hour(others)
         if self.zone is None:
             return self
         assert self.seconds is not None
@@ -141,6 +149,17 @@ class Times:
             return Times(ns - _DAY_NS * round((int(ns[0]) - dated) / _DAY_NS), None)
         first = next(other.since(None)[0] for other in others if other.zone is not None)
         return replace(self, seconds=self.seconds - _DAY_S * round((self.seconds[0] - first) / _DAY_S))
+
+    def _of_their_hour(self, others: Sequence[Times]) -> Times:
+        assert self.seconds is not None
+        dated = next((other.first_ns for other in others if other.first_ns is not None), None)
+        clocks = (other.seconds[0] for other in others if other.seconds is not None and other.zone is not None)
+        first = next(clocks, next(other.since(None)[0] for other in others if other.of_hour))
+        nearest = first if dated is None else dated / 1e9
+        hours_s = _HOUR_S * round((nearest - self.seconds[0]) / _HOUR_S)
+        if dated is None:
+            return replace(self, seconds=self.seconds + hours_s)
+        return Times.after(hours_s * 1_000_000_000, self.seconds, None, self.notes)
 
     @property
     def first_ns(self) -> int | None:
@@ -332,6 +351,8 @@ def _textual(text: pd.Series, notation: TimeNotation, label: str, first_row: int
         text, ahead_ns = _without_zones(text)
     else:
         ahead_ns = None
+    if notation.format is None and text.iloc[:100].str.fullmatch(_OF_AN_HOUR).all():
+        return _of_the_hour(text, label, first_row)
     clock = notation.format is None and text.iloc[:100].str.fullmatch(r"\d{1,2}:\d{2}(:\d{2}(\.\d+)?)?").all()
     formats = (notation.format,) if notation.format else _CLOCK_FORMATS if clock else _DATE_FORMATS
     parsed, notes = None, tuple[str, ...]()
@@ -355,6 +376,18 @@ def _textual(text: pd.Series, notation: TimeNotation, label: str, first_row: int
         return Times(parsed.astype("datetime64[ns]").astype(np.int64).to_numpy(), None, notes=notes)
     ns = parsed.astype("datetime64[ns]").astype(np.int64).to_numpy()
     return Times(_as_utc(ns, notation.zone, label) if ahead_ns is None else ns - ahead_ns, None, notes=notes)
+
+
+def _of_the_hour(text: pd.Series, label: str, first_row: int) -> Times:
+    """Return times (n,) of minutes and seconds, which go on where the next hour begins."""
+    minutes, seconds = (part.astype("Float64") for _, part in text.str.extract(f"^{_OF_AN_HOUR}$").items())
+    if unread := _first(minutes.isna().to_numpy(dtype=bool)):
+        cell = printable(str(text.iloc[unread - 1]))[:40]
+        raise BadInputError(f"{label}, row {first_row + unread - 1}: {cell!r} is no time; expected one as 12:00.5")
+    values = (60.0 * minutes + seconds).to_numpy(dtype=np.float64)
+    hours = np.concatenate([[0], np.cumsum(np.diff(values) < -_HOUR_S // 2)])
+    lost = f"{label}: {text.iloc[0]!r} has no hour, as spreadsheets show times: the seconds in the hour are taken"
+    return Times(None, values + _HOUR_S * hours, notes=(lost,), of_hour=True)
 
 
 def _in_order_of_days(text: pd.Series, parsed: pd.Series, form: str, label: str) -> tuple[pd.Series, tuple[str, ...]]:

@@ -22,6 +22,7 @@ from trackfg.interchange.importing.source_table import SourceTable
 from trackfg.interchange.importing.stations import read_stations
 from trackfg.interchange.importing.text_dialect import is_remark
 from trackfg.interchange.importing.text_table import read_text
+from trackfg.interchange.importing.times import TimeNotation, read_times
 from trackfg.numerics.units import STANDARD_GRAVITY
 from trackfg.recording.line_kilometrage import LineKilometrage
 from trackfg.recording.model import Recording
@@ -176,6 +177,47 @@ def test_times_of_day_past_midnight_are_of_one_night(
     assert back.fixes is not None
     np.testing.assert_allclose(back.fixes["t_s"] - back.imu["t_s"].iloc[0], [8.0, 15.5], atol=1e-6)
     np.testing.assert_allclose(back.fixes["chainage_m"], [12050.0, 12055.5])
+
+
+@pytest.mark.parametrize("posts", ["Zeit;km", "Date;km"])
+def test_times_without_their_hour_go_on_into_the_next_one(
+    posts: str, drive: Drive, tmp_path: Path, imported: Import
+) -> None:
+    zero = pd.Timestamp("2026-05-01T03:59:50.02")
+    stamps = zero + pd.to_timedelta(drive.t, unit="s")
+
+    def excel(stamp: pd.Timestamp) -> str:
+        return f"{stamp:%M:%S},{stamp.microsecond // 100_000}"
+
+    def written(i: int) -> list[str]:
+        return [excel(stamps[i]), *(f"{v:.9f}".replace(".", ",") for v in (*drive.gyro[i], *drive.accel[i]))]
+
+    names = "Zeit;Gyro X [rad/s];Gyro Y [rad/s];Gyro Z [rad/s];Beschl X [m/s2];Beschl Y [m/s2];Beschl Z [m/s2]"
+    _lines(tmp_path / "log" / "imu.csv", names, *_rows(drive, written, ";"))
+    passed = zero + pd.to_timedelta([12.0, 15.5], unit="s")
+    form = excel if posts.startswith("Zeit") else "{:%d.%m.%Y %H:%M:%S.%f}".format
+    _lines(
+        tmp_path / "log" / "posts.csv",
+        posts,
+        f"{form(passed[0])};12050",
+        f"{form(passed[1])};12055",
+    )
+
+    back = _recording(imported(tmp_path / "log"))
+
+    np.testing.assert_allclose(back.gyro, drive.gyro, atol=1e-9)
+    np.testing.assert_allclose(np.diff(back.imu["t_s"]), 0.01, atol=1e-3)
+    assert (back.description.start == datetime(2026, 5, 1, 3, 59, 50, tzinfo=UTC)) == (posts == "Date;km")
+    assert back.fixes is not None
+    np.testing.assert_allclose(back.fixes["t_s"] - back.imu["t_s"].iloc[0], [12.0, 15.5], atol=0.1)
+
+
+def test_a_time_of_a_table_of_minutes_and_seconds_that_is_none_is_named(tmp_path: Path) -> None:
+    table = SourceTable(
+        "log.csv", pd.DataFrame({"time": pd.Series(["00:00.0", *["00:01.5"] * 200, "x"], dtype="string")})
+    )
+    with pytest.raises(BadInputError, match=r"row 202: 'x' is no time; expected one as 12:00\.5"):
+        read_times(table, ("time",), TimeNotation())
 
 
 def test_a_header_may_be_a_remark(drive: Drive, tmp_path: Path, imported: Import) -> None:
