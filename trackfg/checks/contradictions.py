@@ -28,7 +28,7 @@ from trackfg.recording.antenna import with_antenna_named
 from trackfg.recording.description import Imu, Tach
 from trackfg.recording.findings import Finding
 from trackfg.recording.model import Recording
-from trackfg.recording.receiver_epochs import held_findings, held_in
+from trackfg.recording.unmeasured_rows import unmeasured_in
 from trackfg.sensors.tach import with_sense
 
 _TOML = "recording.toml"
@@ -70,7 +70,7 @@ def contradictions(recording: Recording, estimates: Estimates, limits: CheckLimi
         *_wheel(description.tach, None if distorted else estimates.wheel_scale_gnss, force, limits),
         *with_antenna_named([] if distorted else _gnss(recording, estimates.positions, limits), description.gnss),
         *receiver_speed_findings(description.gnss_speed, None if distorted else estimates.receiver_speed_scale, limits),
-        *held_findings(held_in(recording)),
+        *(finding for _, finding in unmeasured_in(recording).values()),
         *_fixes(recording, estimates.positions, limits),
         *_fix_order(recording),
     ]

@@ -12,14 +12,10 @@ a tunnel is elsewhere by then: only the first row of the run is kept.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 import numpy as np
 
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.spans import median_interval
-from trackfg.recording.findings import Finding
-from trackfg.recording.model import GNSS_COLUMNS, GNSS_SPEED_COLUMNS, GNSS_SPEED_TABLE, Recording
 
 LONGER = 1.5
 """Intervals from which on a run of equal rows is longer than one: between one and two."""
@@ -28,8 +24,6 @@ FEWEST_RUNS = 5
 _FASTEST_S, SLOWEST_S = 0.04, 1.0
 """Then a table that is written faster than the fastest receivers measure (20 Hz, and some with 25 Hz) is taken for one
 beside the slowest, s."""
-_CODES = {"gnss": "gnss-held", GNSS_SPEED_TABLE: "gnss-speed-held"}
-"""Codes of the findings, by table."""
 IN_MOTION_MPS = 1.0
 """Speed over a run from which on its vehicle was in motion, m/s: at rest receivers drift by some metres in ten
 seconds."""
@@ -58,43 +52,6 @@ def held_rows(t: Array, measured: Array, place: Array | None = None) -> np.ndarr
     again = np.append(True, measurement[1:] != measurement[:-1]) | (interval_s < LONGER * step_s)
     held: np.ndarray = ~new & ~(at_rest[run] & again)
     return held
-
-
-def held_in(recording: Recording) -> dict[str, np.ndarray]:
-    """Return which rows of a receiver's tables hold values of a row before, by table; none where there are no such.
-
-    Speeds at the times of the positions are held as these are, unless they change by themselves.
-    """
-    gnss, speeds = recording.gnss, recording.others.get(GNSS_SPEED_TABLE)
-    held = {}
-    if gnss is not None and len(gnss):
-        place = gnss[list(GNSS_COLUMNS[1:3])].to_numpy()
-        held["gnss"] = held_rows(gnss["t_s"].to_numpy(), gnss[list(GNSS_COLUMNS[1:])].to_numpy(), place)
-    if speeds is not None and len(speeds):
-        t, measured = speeds["t_s"].to_numpy(), speeds[list(GNSS_SPEED_COLUMNS[1:])].to_numpy()
-        if gnss is not None and np.array_equal(t, gnss["t_s"]):
-            both = np.concatenate([gnss[list(GNSS_COLUMNS[1:])].to_numpy(), measured], axis=1)
-            held[GNSS_SPEED_TABLE] = held_rows(t, both, place)
-        else:
-            held[GNSS_SPEED_TABLE] = held_rows(t, measured)
-    return {name: rows for name, rows in held.items() if rows.any()}
-
-
-def held_findings(held: Mapping[str, np.ndarray]) -> list[Finding]:
-    """Return a warning for each table of a receiver that repeats its values, by which of its rows do (n,)."""
-    hint = "leave out rows that are as the one before, as trackfg import does; only one of them is a measurement"
-    return [
-        Finding(
-            "warning",
-            _CODES[name],
-            f"{np.count_nonzero(rows)} of {len(rows)} rows hold values of a row before, while the vehicle goes on",
-            file="recording.toml",
-            column=f"{name}.file",
-            expected="each measurement once",
-            hint=hint,
-        )
-        for name, rows in held.items()
-    ]
 
 
 def _interval_s(lasts_s: Array, moving: np.ndarray, step_s: float) -> float:

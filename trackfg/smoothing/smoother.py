@@ -60,7 +60,7 @@ from trackfg.smoothing.rail_ties import with_rail_factors
 from trackfg.smoothing.reassessment import SolvedRun, reassessed
 from trackfg.smoothing.reassessors import REASSESSORS
 from trackfg.smoothing.straights import with_roll_of_mounting
-from trackfg.smoothing.weightless_sensors import without_contradicted_speeds, without_held_rows
+from trackfg.smoothing.weightless_sensors import without_contradicted_speeds, without_unmeasured_rows
 from trackfg.smoothing.wrong_fixes import with_consensus
 from trackfg.solver.covariance import Covariance, posterior_covariance
 from trackfg.solver.gauss_newton import Solution, solve
@@ -183,7 +183,7 @@ def smooth(
     if sound.imu.empty:
         raise too_short(sound, 0.0)
     measured, correction = corrected_tach(without_imu_clock_jumps(sound))
-    measured = without_contradicted_speeds(without_held_rows(measured), limits)
+    measured = without_contradicted_speeds(without_unmeasured_rows(measured), limits)
     measured = with_gnss_in_time(measured, config.tach.clock_offset_sd_s)
     anchored = with_balise_fixes(measured)
     smoothed = smooth_states(

@@ -20,7 +20,7 @@ from trackfg.factors.states import States
 from trackfg.numerics.units import KMH
 from trackfg.recording.findings import Finding
 from trackfg.recording.model import GNSS_SPEED_TABLE, Recording
-from trackfg.recording.receiver_epochs import held_findings, held_in
+from trackfg.recording.unmeasured_rows import unmeasured_in
 from trackfg.results.verdict import Doubt, Quantity
 from trackfg.smoothing.reassessment import Reassessment, SolvedRun
 
@@ -80,13 +80,13 @@ _SENSORS = {
 }
 
 
-def without_held_rows(recording: Recording) -> Recording:
-    """Return the recording without rows of its receiver that hold values of a row before, with a finding."""
-    held = held_in(recording)
-    if not held:
+def without_unmeasured_rows(recording: Recording) -> Recording:
+    """Return the recording without rows of its receiver that are held or interpolated, with a finding."""
+    unmeasured = unmeasured_in(recording)
+    if not unmeasured:
         return recording
-    findings = (replace(one, message=f"{one.message}; they are left out") for one in held_findings(held))
-    tables = {name: recording.tables[name][~rows].reset_index(drop=True) for name, rows in held.items()}
+    findings = (replace(one, message=f"{one.message}; they are left out") for _, one in unmeasured.values())
+    tables = {name: recording.tables[name][~rows].reset_index(drop=True) for name, (rows, _) in unmeasured.items()}
     return replace(recording.with_tables(tables), findings=(*recording.findings, *findings))
 
 

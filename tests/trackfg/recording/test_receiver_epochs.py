@@ -12,7 +12,8 @@ from trackfg.checks.contradictions import diagnose
 from trackfg.datasets.scenarios import simulate
 from trackfg.numerics.arrays import Array
 from trackfg.recording.model import GNSS_SPEED_TABLE
-from trackfg.recording.receiver_epochs import held_in, held_rows
+from trackfg.recording.receiver_epochs import held_rows
+from trackfg.recording.unmeasured_rows import held_in
 from trackfg.smoothing.smoother import smooth
 
 END_S = 120.0

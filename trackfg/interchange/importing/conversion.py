@@ -38,6 +38,7 @@ from trackfg.io.writer import write_table
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.chainage.kilometrage import Kilometrage
 from trackfg.recording.findings import Finding, errors
+from trackfg.recording.interpolated_rows import interpolated_rows
 from trackfg.recording.receiver_epochs import held_rows
 
 _COLUMN_KEYS = {
@@ -234,11 +235,13 @@ def _part(sensor: MappedSensor, tables: Sequence[SourceTable], mapping: Mapping)
         rows = np.flatnonzero(keep)
         part = replace(table, frame=table.frame.iloc[rows])
         t = times.since(times.first_ns)[rows]
-        held = rows[_held(sensor, part, t, [values[rows] for values in measured], beside)]
-        keep[held] = False
-        if len(held):
-            left_out = f"{len(held)} of {len(rows)} rows hold a value of a row before"
-            notes += (f"{table.name}: {left_out}, and are left out of [{sensor.section}]",)
+        values = [column[rows] for column in measured]
+        for find, what in ((_held, "hold a value of a row before"), (_interpolated, "are interpolated")):
+            if (left_out := rows[find(sensor, part, t, values, beside)]).size:
+                keep[left_out] = False
+                counted = f"{len(left_out)} of {len(rows)} rows {what}"
+                notes += (f"{table.name}: {counted}, and are left out of [{sensor.section}]",)
+                break
     if not keep.all():
         times, columns = _rows(times, keep), {name: values[keep] for name, values in columns.items()}
     if not any(len(values) for values in columns.values()):
@@ -260,6 +263,14 @@ def _held(
     place = np.stack([_column(positions, table, part) for part in positions.keys["position"]], axis=1)
     both = values if positions is sensor else np.concatenate([place, values], axis=1)
     return held_rows(t, both, in_plan(positions, place))
+
+
+def _interpolated(
+    sensor: MappedSensor, table: SourceTable, t: Array, measured: Sequence[Array], beside: MappedSensor | None
+) -> np.ndarray:
+    """Return which rows (n,) of a receiver are interpolated between its measurements; arguments as of :func:`_held`."""
+    values = np.stack(measured, axis=1)
+    return interpolated_rows(t, in_plan(sensor, values) if sensor.kind == "gnss" else values[:, :1])
 
 
 def _by_quality(
@@ -396,7 +407,7 @@ def _in_order(table: SourceTable, sensor: MappedSensor) -> tuple[SourceTable, Ti
         notes += (
             f"{table.name}: the clock ticks every {tick:.4g} s only: rows are spread, and may all be half of it off",
         )
-    return table, Times.after(times.first_ns, spread, times.zone, notes)
+    return table, replace(Times.after(times.first_ns, spread, times.zone, notes), of_hour=times.of_hour)
 
 
 def _taken(table: SourceTable, times: Times, rows: np.ndarray) -> tuple[SourceTable, Times]:
@@ -452,7 +463,7 @@ def _merged_imu(sensor: MappedSensor, gyro: SourceTable, accel: SourceTable) -> 
         keys[prefix] = [f"{prefix}_{name}" for name in values]
         keys |= {key: value for key, value in stream_keys.items() if value is not None}
     assumed = tuple(note for times in clocks for note in times.notes)
-    merged = Times.after(zero, common, clocks[faster].zone, assumed)
+    merged = replace(Times.after(zero, common, clocks[faster].zone, assumed), of_hour=clocks[faster].of_hour)
     return _Part(sensor, merged, columns, keys, notes=tuple(notes))
 
 

@@ -71,11 +71,11 @@ def in_recorded_units(
 
 
 def in_plan(sensor: MappedSensor, position: Array) -> Array:
-    """Return where positions (n, 3), in the units of their table, are in plan about the first, m. Shape (n, 2)."""
+    """Return where positions (n, 2 or 3), in the units of their table, are in plan about the first, m. Shape (n, 2)."""
     if sensor.keys.get("frame") == LOCAL or sensor.reading.crs is not None:
         return position[:, :2] - position[:1, :2]
-    geodetic = position * _factor_of_position(sensor, sensor.reading.position_unit, "angle")
-    geodetic[:, 2] = 0.0  # in a unit of its own, and without influence
+    geodetic = np.zeros((len(position), 3))  # the height is in a unit of its own, and without influence
+    geodetic[:, :2] = position[:, :2] * _factor_of_position(sensor, sensor.reading.position_unit, "angle")
     return geodesy.geodetic_to_enu(geodetic, geodetic[0])[:, :2]
 
 

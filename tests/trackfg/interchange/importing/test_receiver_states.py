@@ -230,3 +230,21 @@ def test_a_height_that_a_mapping_states_is_not_diluted(drive: Drive, tmp_path: P
     assert (recorded["constant_3"] == 412.0).all()
     np.testing.assert_allclose(recorded["constant_4"][KNOWN], 0.05 * 1.5)
     assert (recorded["constant_6"] == 5.0).all()
+
+
+def test_positions_that_a_logger_has_interpolated_are_left_out_with_a_note(tmp_path: Path) -> None:
+    t, at = np.arange(0.0, 60.0, 0.1), np.arange(0.0, 61.0)
+    measured = [46.9 + 1e-4 * at, 7.4 + 1e-6 * np.random.default_rng(1).standard_normal(at.size)]
+    lat, lon = (np.round(np.interp(t, at, place), 9) for place in measured)
+    gps = SourceTable("gps.csv", pd.DataFrame({"t": t, "lat": lat, "lon": lon}))
+    imu = pd.DataFrame({"t": t, **dict.fromkeys("abcde", 0.0), "f": 9.81})
+    sections = {
+        "format": "trackfg-mapping/1",
+        "imu": {"file": "imu.csv", "gyro": ["a", "b", "c"], "accel": ["d", "e", "f"]},
+        "gnss": {"file": "gps.csv", "position": ["lat", "lon", 500.0], "sd": [1.0, 1.0, 2.0]},
+    }
+
+    made = converted([gps, SourceTable("imu.csv", imu)], mapping_of(sections, "m"), run_id="log")
+
+    np.testing.assert_allclose(made.files["gnss.parquet"]["t"], [*at[:-1], t[-1]])
+    assert made.notes == ("gps.csv: 539 of 600 rows are interpolated, and are left out of [gnss]",)

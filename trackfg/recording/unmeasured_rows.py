@@ -1,0 +1,84 @@
+"""Rows of a receiver's tables that are no measurements of their own: held ones, and interpolated ones."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from trackfg.recording.findings import Finding
+from trackfg.recording.interpolated_rows import interpolated_rows
+from trackfg.recording.model import GNSS_COLUMNS, GNSS_SPEED_COLUMNS, GNSS_SPEED_TABLE, Recording
+from trackfg.recording.receiver_epochs import held_rows
+
+_CODES = {"gnss": "gnss", GNSS_SPEED_TABLE: "gnss-speed"}
+"""What the codes of the findings begin with, by table."""
+
+
+class UnmeasuredRows(NamedTuple):
+    """Which rows (n,) of a table are no measurements, and a warning that says so."""
+
+    rows: np.ndarray
+    finding: Finding
+
+
+def unmeasured_in(recording: Recording) -> dict[str, UnmeasuredRows]:
+    """Return the rows of a receiver's tables that are held, or in tables without such interpolated, by table."""
+    held = held_in(recording)
+    found = {name: _held(name, rows) for name, rows in held.items()}
+    speeds = recording.others.get(GNSS_SPEED_TABLE)
+    for name, table, columns in (
+        ("gnss", recording.gnss, list(GNSS_COLUMNS[1:3])),
+        (GNSS_SPEED_TABLE, speeds, [GNSS_SPEED_COLUMNS[1]]),
+    ):
+        if table is None or name in held:
+            continue
+        rows = interpolated_rows(table["t_s"].to_numpy(), table[columns].to_numpy())
+        if rows.any():
+            found[name] = _interpolated(name, rows)
+    return found
+
+
+def held_in(recording: Recording) -> dict[str, np.ndarray]:
+    """Return which rows of a receiver's tables hold values of a row before, by table; none where there are no such.
+
+    Speeds at the times of the positions are held as these are, unless they change by themselves.
+    """
+    gnss, speeds = recording.gnss, recording.others.get(GNSS_SPEED_TABLE)
+    held = {}
+    if gnss is not None and len(gnss):
+        place = gnss[list(GNSS_COLUMNS[1:3])].to_numpy()
+        held["gnss"] = held_rows(gnss["t_s"].to_numpy(), gnss[list(GNSS_COLUMNS[1:])].to_numpy(), place)
+    if speeds is not None and len(speeds):
+        t, measured = speeds["t_s"].to_numpy(), speeds[list(GNSS_SPEED_COLUMNS[1:])].to_numpy()
+        if gnss is not None and np.array_equal(t, gnss["t_s"]):
+            both = np.concatenate([gnss[list(GNSS_COLUMNS[1:])].to_numpy(), measured], axis=1)
+            held[GNSS_SPEED_TABLE] = held_rows(t, both, place)
+        else:
+            held[GNSS_SPEED_TABLE] = held_rows(t, measured)
+    return {name: rows for name, rows in held.items() if rows.any()}
+
+
+def _held(name: str, rows: np.ndarray) -> UnmeasuredRows:
+    message = "hold values of a row before, while the vehicle goes on"
+    hint = "leave out rows that are as the one before, as trackfg import does; only one of them is a measurement"
+    return _warning(name, rows, "held", message, hint)
+
+
+def _interpolated(name: str, rows: np.ndarray) -> UnmeasuredRows:
+    message = "are interpolated, on straight lines between the receiver's measurements"
+    hint = "write the receiver's own rows, or leave out those between them, as trackfg import does"
+    return _warning(name, rows, "interpolated", message, hint)
+
+
+def _warning(name: str, rows: np.ndarray, what: str, message: str, hint: str) -> UnmeasuredRows:
+    finding = Finding(
+        "warning",
+        f"{_CODES[name]}-{what}",
+        f"{np.count_nonzero(rows)} of {len(rows)} rows {message}",
+        file="recording.toml",
+        column=f"{name}.file",
+        expected="each measurement once",
+        hint=hint,
+    )
+    return UnmeasuredRows(rows, finding)
