@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from trackfg.cli.terminal import interruptible, next_step, note, print_unless_quiet, titled, working
+from trackfg.cli.terminal import command, interruptible, next_step, note, print_unless_quiet, titled, working
 
 if TYPE_CHECKING:
     from typing import TextIO
@@ -164,7 +164,7 @@ def _proposed(
             if kept is not None:
                 write_whole(kept, mapping_text(proposal).encode("utf-8"))
                 edit = "correct it" if "axes" in proposal.sections["imu"] else "correct it and state imu.axes"
-                again = f"trackfg import {source} -o {out} --mapping {kept}"
+                again = command("import", source, "-o", out, "--mapping", kept)
                 _note([f"the answers are in {kept}: {edit}, then run: {again}"])
             raise
     _note(notes)
@@ -281,4 +281,4 @@ def _report(made: Imported) -> None:
     print_unless_quiet(f"recording: {made.folder}")
     if any(finding.level == "error" for finding in made.loaded.findings):
         raise typer.Exit(2)
-    next_step(f"trackfg check {made.folder}", f"trackfg smooth {made.folder} -o {made.folder}-out")
+    next_step(command("check", made.folder), command("smooth", made.folder, "-o", f"{made.folder}-out"))

@@ -49,6 +49,7 @@ from trackfg.cli.statistics import statistics
 from trackfg.cli.stream import stream
 from trackfg.cli.terminal import (
     columns,
+    command,
     complain,
     next_step,
     note,
@@ -177,7 +178,7 @@ def simulate(
         with replaced_folder(out) as new:
             simulation.write(new)
     print_unless_quiet(f"recording: {out}")
-    next_step(f"trackfg check {out}", f"trackfg smooth {out} -o {out}-out")
+    next_step(command("check", out), command("smooth", out, "-o", f"{out}-out"))
 
 
 @app.command(example="trackfg check run1", loads="trackfg.io.check")
@@ -199,7 +200,7 @@ def check(recording: RecordingFolder, json: Json = False) -> None:
             show(tables.estimates(report.estimates))
     if any(finding.level == "error" for finding in report.findings):
         raise typer.Exit(2)
-    next_step(f"trackfg smooth {recording} -o {recording}-out")
+    next_step(command("smooth", recording, "-o", f"{recording}-out"))
 
 
 @app.command(example="trackfg smooth run1 -o out1", loads="trackfg.smoothing.smoother")
@@ -240,7 +241,7 @@ def smooth(options: SmoothOptions) -> None:
         if result.summary.findings:
             print_unless_quiet(tables.findings(result.summary.findings))
         print_unless_quiet(f"result: {options.out}")
-        next_step(f"trackfg report {options.out}")
+        next_step(command("report", options.out))
     if not result.summary.converged:
         raise typer.Exit(_NOT_TO_BE_TRUSTED)
 
@@ -326,7 +327,7 @@ def compare(options: CompareOptions) -> None:
         print(result.about.model_dump_json(indent=2))
         return
     print_unless_quiet(*comparison_tables.of_comparison(result.about), f"comparison: {options.out}")
-    next_step(f"trackfg report {options.out}")
+    next_step(command("report", options.out))
 
 
 app.command(example="trackfg plot out1 --from 12000 --to 14000 -o chart.html", loads="trackfg.plots.strip_chart")(plot)

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import json
+import shlex
 import shutil
 import sys
 import textwrap
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import AbstractContextManager, ExitStack, contextmanager
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import typer
@@ -184,6 +186,11 @@ def complain(text: str) -> None:
         columns = shutil.get_terminal_size().columns
         text = textwrap.fill(text, columns, break_long_words=False, break_on_hyphens=False)
     print(text, file=sys.stderr)
+
+
+def command(*words: str | Path) -> str:
+    """Return a command of trackfg as a shell takes it, with quotes around paths that have blanks."""
+    return shlex.join(["trackfg", *map(str, words)])
 
 
 def next_step(*commands: str) -> None:

@@ -6,6 +6,7 @@ import fcntl
 import os
 import pty
 import re
+import shlex
 import struct
 import subprocess
 import sys
@@ -16,7 +17,7 @@ import pytest
 from rich.table import Table
 from rich.text import Text
 
-from trackfg.cli.terminal import show
+from trackfg.cli.terminal import command, show
 from trackfg.datasets.scenarios import simulate
 
 _COLUMNS = 80
@@ -123,3 +124,8 @@ def test_control_characters_of_a_file_do_not_reach_the_terminal(capsys: pytest.C
     shown = capsys.readouterr().out
     assert "\x1b" not in shown
     assert [r"\x1b[31m4711" in shown, "two" in shown, "lines" in shown, r"two\n" in shown] == [True, True, True, False]
+
+
+def test_commands_to_go_on_with_are_as_a_shell_takes_them() -> None:
+    shown = command("smooth", Path("Läufe ü/rec 1"), "-o", "out")
+    assert shlex.split(shown) == ["trackfg", "smooth", "Läufe ü/rec 1", "-o", "out"]

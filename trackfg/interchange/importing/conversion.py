@@ -392,7 +392,7 @@ def _in_order(table: SourceTable, sensor: MappedSensor) -> tuple[SourceTable, Ti
         last = np.append(np.diff(since) != 0.0, True)
         if 2 * np.count_nonzero(last) > last.size and not last.all():
             return _taken(table, times, np.flatnonzero(last))
-    if sensor.kind in ("fixes", "gnss", BALISES):
+    if sensor.kind in ("fixes", BALISES) or (sensor.kind == "gnss" and last.all()):
         return table, times
     twice = repeated_rows(since, table.frame)
     if twice is not None:

@@ -48,7 +48,7 @@ _BY_CONTENT: tuple[tuple[re.Pattern[bytes], str, str], ...] = (
     (
         re.compile(rb"\s*<\?xml.*<gpx\b|\s*<gpx\b", re.DOTALL),
         "a GPX track",
-        "it has positions without an inertial sensor",
+        "it has positions without an inertial sensor: give the folder in which it lies beside the table of one",
     ),
 )
 _BY_SUFFIX: dict[tuple[str, ...], tuple[str, str]] = {

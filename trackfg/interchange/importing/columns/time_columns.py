@@ -30,12 +30,17 @@ _RATE = re.compile(
 """The sampling rate in the remarks above a table."""
 
 
+_COARSER = 2
+"""A number that has less than half as many values as a date beside it is the time of something else, as of a phone's
+last position."""
+
+
 def time_columns(table: SourceTable) -> tuple[str, ...] | None:
     """Return the column of the time, or those of date and time of day; None where none is found.
 
     A date that was put together of its parts is preferred, then a column whose name means a time, of several the finest
-    one; else the first whose cells are dates with a time of day; else the first that grows steadily and does not count
-    samples.
+    one, a number rather than a text as fine; else the first whose cells are dates with a time of day; else the first
+    that grows steadily and does not count samples.
     """
     if COMPOSED in table.columns:
         return (COMPOSED,)
@@ -50,7 +55,10 @@ def time_columns(table: SourceTable) -> tuple[str, ...] | None:
             return (text[1], text[0])
     numeric = [name for name in named if name not in text and _grows(table.numbers(name))]
     if numeric:
-        return (max(numeric, key=lambda name: _resolution(table.numbers(name))),)
+        finest = max(numeric, key=lambda name: _resolution(table.numbers(name)))
+        dates = [name for name in text if are_dates(table.frame[name])]
+        coarse = bool(dates) and _COARSER * _resolution(table.numbers(finest)) < table.frame[dates[0]].nunique()
+        return (dates[0] if coarse else finest,)
     if not text:
         text = [name for name in table.columns if _holds_dates(table.frame[name])]
     if text:

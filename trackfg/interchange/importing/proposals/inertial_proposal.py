@@ -11,6 +11,7 @@ import numpy as np
 
 from trackfg.errors import BadInputError
 from trackfg.interchange.importing.columns.column_meaning import QUANTITY_OF, InertialKind, Triple, has_gravity, triples
+from trackfg.interchange.importing.columns.plan_columns import plan_columns
 from trackfg.interchange.importing.proposals.questions import Ask, Proposal, Question, asked_unit
 from trackfg.interchange.importing.source_table import SourceTable
 
@@ -39,7 +40,8 @@ def propose_imu(proposal: Proposal, tables: Sequence[SourceTable], ask: Ask) -> 
             "(total acceleration). Hint: switch on the accelerometer itself, not the linear or user acceleration"
         )
     if gyro is None or accel is None:
-        raise BadInputError(_not_found("gyro" if gyro is None else "accelerometer", tables))
+        lacking = [name for name, triple in (("gyro", gyro), ("accelerometer", accel)) if triple is None]
+        raise BadInputError(_not_found(lacking, tables))
     section: dict[str, Any] = {"file": gyro.table.name}
     if not _same_rows(gyro, accel):
         section["file"] = [gyro.table.name, accel.table.name]
@@ -50,12 +52,18 @@ def propose_imu(proposal: Proposal, tables: Sequence[SourceTable], ask: Ask) -> 
     proposal.sections["imu"] = section
 
 
-def _not_found(lacking: str, tables: Sequence[SourceTable]) -> str:
+def _not_found(lacking: Sequence[str], tables: Sequence[SourceTable]) -> str:
     names = "; ".join(f"{table.name}: {', '.join(table.columns[:20])}" for table in tables[:_NAMED_TABLES])
     more = f" and {len(tables) - _NAMED_TABLES} more tables" if len(tables) > _NAMED_TABLES else ""
+    if len(lacking) > 1 and any(plan_columns(table) is not None for table in tables):
+        return (
+            f"positions, but no gyro and no accelerometer found among {names}{more}; expected the samples of an "
+            "inertial sensor, without which nothing is estimated. Hint: give the folder in which they lie beside the "
+            "positions, or name their columns in a mapping (docs/importing.md)"
+        )
     return (
-        f"no three columns of the {lacking} found among {names}{more}; expected names such as gyro_x, or for a track "
-        "geometry a column of places and channels such as level. Hint: name them in a mapping (docs/importing.md)"
+        f"no three columns of the {lacking[0]} found among {names}{more}; expected names such as gyro_x, or for a "
+        "track geometry a column of places and channels such as level. Hint: name them in a mapping (docs/importing.md)"
     )
 
 

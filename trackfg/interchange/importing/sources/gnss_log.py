@@ -19,6 +19,7 @@ from trackfg.files.libraries import library
 from trackfg.interchange.importing.shapes.tagged_lines import delimiter_of_tagged
 from trackfg.interchange.importing.source_format import DialectFor, SourceFormat, starts_with
 from trackfg.interchange.importing.source_table import SourceTable
+from trackfg.interchange.importing.sources.gpx import TRACK, read_gpx
 from trackfg.interchange.importing.sources.nmea import NmeaEpochs
 from trackfg.interchange.importing.sources.rtklib import SOLUTION, read_rtklib
 from trackfg.interchange.importing.times import as_ns
@@ -55,8 +56,8 @@ class GnssLog(SourceFormat):
 
 
 def read_positions(path: Path) -> SourceTable:
-    """Read the positions of a receiver's log or of a solution. Raises :class:`BadInputError` without any."""
-    return read_rtklib(path) if path.suffix.casefold() == SOLUTION else read_gnss_log(path)
+    """Read the positions of a receiver's log, a solution or a track. Raises :class:`BadInputError` without any."""
+    return {SOLUTION: read_rtklib, TRACK: read_gpx}.get(path.suffix.casefold(), read_gnss_log)(path)
 
 
 def read_gnss_log(path: Path) -> SourceTable:

@@ -31,6 +31,7 @@ from trackfg.interchange.importing.sources.columnar import (
     read_sqlite,
 )
 from trackfg.interchange.importing.sources.gnss_log import read_gnss_log, read_positions
+from trackfg.interchange.importing.sources.gpx import TRACK
 from trackfg.interchange.importing.sources.records import JSON_SUFFIXES, read_records
 from trackfg.interchange.importing.sources.rtklib import SOLUTION
 from trackfg.interchange.importing.sources.spreadsheet import SPREADSHEETS, read_spreadsheet
@@ -38,8 +39,8 @@ from trackfg.interchange.importing.text_dialect import NoRowsError, in_brackets
 from trackfg.interchange.importing.text_table import read_text
 
 TEXT_SUFFIXES = (".csv", ".txt", ".tsv", ".dat", ".asc", ".log", ".lvm", ".prn")
-GNSS_LOGS = (".ubx", ".nmea", SOLUTION)
-"""Logs of a receiver, and solutions of RTKLIB, that lie beside the tables."""
+GNSS_LOGS = (".ubx", ".nmea", SOLUTION, TRACK)
+"""Logs of a receiver, solutions of RTKLIB and tracks of GPX that lie beside the tables."""
 _OPENERS: dict[str, Callable[..., Any]] = {".gz": gzip.open, ".bz2": bz2.open, ".xz": lzma.open}
 """Compressed files, by the suffix after that of what is in them."""
 
