@@ -105,14 +105,15 @@ class ImuFaultDetector:
             count = max(self.statistics.room - len(self.held), 1)
             sensed = self.in_sensor_axes(rows[:count])
             wild = np.abs(sensed[:, 1:] - self.centre) > self.limit
-            if self.far or wild.any():
-                count = 1 if self.far else max(int(wild.any(axis=1).argmax()), 1)
-                sensed, wild = sensed[:count], wild[:count]
+            odd = np.asarray(wild.any(axis=1))
+            if self.far or odd.any():
+                count = self._until_believed(sensed, odd)
+                sensed, wild, odd = sensed[:count], wild[:count], odd[:count]
             part, rows = rows[:count], rows[count:]
-            if wild.any():
-                faults.append(self._wild(sensed, wild))
-            else:
-                self.far = max(self.far - 1, 0)
+            if odd.any():
+                faults.append(self._fault("impossible-value", part[odd, 0], wild[odd]))
+                part, sensed = part[~odd], sensed[~odd]
+            if len(part):
                 measurements.append(self._judge(part, sensed, faults))
         return measurements[1] if len(measurements) == 2 else np.concatenate(measurements), faults
 
@@ -154,19 +155,27 @@ class ImuFaultDetector:
         return np.column_stack([rows[:, 0], values])
 
     def _fault(self, code: str, t: Array, bad: np.ndarray) -> ImuFault:
-        """Return the fault of rows at ``t`` with ``bad`` (m, 6) values."""
-        columns = (name for name, channel in zip(self.columns, bad.T, strict=True) if channel.any())
-        return ImuFault(code, t, tuple(columns))
+        """Return the fault of rows at ``t`` with ``bad`` (m, 6) values: columns in the order in which they went bad."""
+        in_order = np.argsort(bad.argmax(axis=0), kind="stable")
+        return ImuFault(code, t, tuple(self.columns[c] for c in in_order if bad[:, c].any()))
 
-    def _wild(self, rows: Array, wild: np.ndarray) -> ImuFault:
-        self.far += 1
-        statistics = self.statistics
-        if statistics.interval_s is not None and self.far * statistics.interval_s > _BELIEVED_S:
-            furthest = np.abs(rows[0, 1:] - self.centre)
-            statistics.furthest = np.maximum(statistics.furthest, np.minimum(furthest, self.possible))
-            self.far = 0
-            self._set_limits()
-        return self._fault("impossible-value", rows[:, 0], wild)
+    def _until_believed(self, sensed: Array, odd: np.ndarray) -> int:
+        """Count in :attr:`far` the ``odd`` ones of rows (n,), which are far beyond; each other row takes one back.
+
+        Return the number of rows up to the one with which values that are far beyond are accepted, or of all.
+        """
+        total = self.far + np.cumsum(np.where(odd, 1, -1))
+        far = total - np.minimum(np.minimum.accumulate(total), 0)
+        believed = odd & (far * (self.statistics.interval_s or 0.0) > _BELIEVED_S)
+        if not believed.any():
+            self.far = int(far[-1])
+            return len(odd)
+        last = int(believed.argmax())
+        furthest = np.abs(sensed[last, 1:] - self.centre)
+        self.statistics.furthest = np.maximum(self.statistics.furthest, np.minimum(furthest, self.possible))
+        self.far = 0
+        self._set_limits()
+        return last + 1
 
     def _set_limits(self) -> None:
         if self.statistics.interval_s is not None:
