@@ -77,7 +77,8 @@ class ImuClock:
     do not follow these. ``doubted_at_s``: the newest time when the first was quarantined. ``recent``
     (h, 2): times and checksums of the newest rows. ``newest_s``: on the stream's clock, minus infinity before the first
     rows have proved themselves. ``shift_s``: what is added to the sensor's time; ``set_s``: the sensor's time, as it
-    was before, when that changed last; ``missed_s``: the newest time when rows began to be missing.
+    was before, when that changed last; ``missed_s``: the newest time when rows began to be missing. ``decidable_rows``:
+    the times of fewer quarantined rows cannot have come again.
     """
 
     limits: ClockLimits
@@ -89,6 +90,7 @@ class ImuClock:
     shift_s: float = 0.0
     set_s: float = np.inf
     missed_s: float = np.nan
+    decidable_rows: int = 0
 
     @property
     def in_doubt(self) -> bool:
@@ -151,6 +153,7 @@ class ImuClock:
     def _accept(self, rows: Array) -> Array:
         out = np.array(rows)
         out[:, 0] += self.shift_s
+        self.decidable_rows = 0
         self.newest_s = max(self.newest_s, float(out[:, 0].max()))
         recent = np.concatenate([self.recent, _marks(out)])
         if (np.diff(recent[:, 0]) < 0.0).any():
@@ -164,7 +167,7 @@ class ImuClock:
         if len(self.quarantined) >= _MOST_QUARANTINED:
             self._refuse(report)
         if not self.quarantined:
-            self.doubted_at_s = self.newest_s
+            self.doubted_at_s, self.decidable_rows = self.newest_s, 0
         if not self.quarantined or self._continues(self.quarantined, row):
             self.quarantined.append(row)
             self._refuse_rivals(report)
@@ -178,7 +181,7 @@ class ImuClock:
             self._refuse_rivals(report)
         self.rivals.append(row)
         if len(self.rivals) > min(len(self.quarantined), _RIVAL_ROWS):
-            self.quarantined, self.rivals = self.rivals, self.quarantined
+            self.quarantined, self.rivals, self.decidable_rows = self.rivals, self.quarantined, 0
             self._refuse_rivals(report)
 
     def _continues(self, rows: list[Array], row: Array) -> bool:
@@ -206,13 +209,22 @@ class ImuClock:
         return bool(0.0 < row[0] - last <= self._neighbour_s and self._times_come_again())
 
     def _times_come_again(self) -> bool:
-        """Return whether the quarantined rows follow each other at times that had other rows before."""
-        rows = np.concatenate(self.quarantined)
-        steps = np.diff(rows[:, 0])
-        if len(rows) < _FEWEST_AGAIN or np.mean((steps > 0.0) & (steps <= self._neighbour_s)) < 0.9:
+        """Return whether the quarantined rows follow each other at times that had other rows before.
+
+        Of those that are behind, more than half must have been near other rows, and less than half be these rows
+        themselves. So many as are wanting to that must follow at least before it is looked at again.
+        """
+        if len(self.quarantined) < max(_FEWEST_AGAIN, self.decidable_rows):
             return False
+        rows = np.concatenate(self.quarantined)
         near, same = self._beside(rows[rows[:, 0] + self.shift_s <= self.newest_s])
-        return bool(np.mean(near <= self._neighbour_s) > 0.5 > np.mean(same))
+        apart, again = near.size - np.count_nonzero(near <= self._neighbour_s), np.count_nonzero(same)
+        wanting = int(2 * max(apart, again) - near.size)
+        if wanting >= 0:
+            self.decidable_rows = len(rows) + wanting + 1
+            return False
+        steps = np.diff(rows[:, 0])
+        return bool(np.mean((steps > 0.0) & (steps <= self._neighbour_s)) >= 0.9)
 
     def _is_beside(self, row: Array) -> bool:
         """Return whether another row was near the time of this one."""
