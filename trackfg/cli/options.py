@@ -19,6 +19,7 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 
 from trackfg.cli.freed_memory import without_collection
+from trackfg.cli.quick_imports import quick_imports
 from trackfg.cli.terminal import printed_as_json, set_quiet, working
 from trackfg.errors import BadInputError
 from trackfg.files.atomic_folder import real_path
@@ -224,7 +225,7 @@ def _with_output_options(run: Callable[..., None], loads: str | None) -> Callabl
         if quiet:
             set_quiet(True)
         if loads is not None:
-            with working("starting"), without_collection():
+            with working("starting"), without_collection(), quick_imports():
                 import_module(loads)
         with printed_as_json() if not has_json and values.pop("json") else nullcontext():
             run(**values)
