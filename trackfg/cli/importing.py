@@ -134,12 +134,16 @@ def _proposed(
     """Propose a mapping and write the recording that it makes; where that fails, the mapping alone, if ``kept``."""
     from trackfg.errors import BadInputError
     from trackfg.files.atomic_file import write_whole
+    from trackfg.files.owned_folder import refuse_unwritable, refuse_used
     from trackfg.interchange.importing.conversion import converted
     from trackfg.interchange.importing.mapping import mapping_of
     from trackfg.interchange.importing.proposal import mapping_text, propose_columns, unused_columns
     from trackfg.interchange.importing.proposals.evident_by_force import settle_by_force
     from trackfg.interchange.importing.registry import source_format
 
+    refuse_used(out, "recordings are never overwritten")  # before questions are asked in vain
+    if kept is not None:
+        refuse_unwritable(kept)
     form = source_format(source, from_format)
     with interruptible("reading") as interrupted:
 

@@ -40,6 +40,8 @@ _DATE_FORMATS = (
     "ISO8601",
     "%d.%m.%Y %H:%M:%S.%f",
     "%d.%m.%Y %H:%M:%S",
+    "%d.%m.%Y %H.%M.%S.%f",
+    "%d.%m.%Y %H.%M.%S",
     "%Y/%m/%d %H:%M:%S.%f",
     "%Y/%m/%d %H:%M:%S",
     "%d/%m/%Y %H:%M:%S.%f",
@@ -489,7 +491,9 @@ def is_zone(name: str) -> bool:
 def states_zone(cell: str) -> bool:
     """Return whether a written time states its zone: ``Z``, an offset from UTC, or an abbreviation that is known."""
     match = re.search(r"\d\s?([A-Za-z]+)$", cell)
-    return bool(re.search(r"\d[+-]\d{2}:?\d{2}$", cell)) or (match is not None and match[1].casefold() in _ZONE_HOURS)
+    return bool(re.search(r"\d\s?[+-]\d{2}:?\d{2}$", cell)) or (
+        match is not None and match[1].casefold() in _ZONE_HOURS
+    )
 
 
 def _zone(name: str, label: str) -> tzinfo:

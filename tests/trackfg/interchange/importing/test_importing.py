@@ -430,3 +430,18 @@ def test_a_header_above_rows_that_are_mostly_text_is_found(tmp_path):
 
     assert table.columns == ["time", "place", "end", "side", "state", "value"]
     assert len(table.frame) == 60
+
+
+def test_init_refuses_a_place_where_nothing_can_be_written_before_it_asks(trackfg, tmp_path):
+    source, _ = vendor_log(tmp_path)
+    simulate("mainline", duration_s=20.0).write(tmp_path / "run")
+
+    for place, reason in (
+        ("run", "exists; recordings are never overwritten"),
+        ("log.txt/run", "is a file; expected a"),
+    ):
+        (tmp_path / "log.txt").touch()
+        done = _trackfg("init", source, "-o", tmp_path / place, answers="")
+        assert (done.returncode, done.stdout) == (2, "")
+        assert reason in done.stderr
+    assert not (tmp_path / "run.mapping.toml").exists()

@@ -13,6 +13,7 @@ from interchange.foreign_forms import START_NS, Drive
 from trackfg.errors import BadInputError
 from trackfg.interchange.importing.conversion import Imported
 from trackfg.interchange.importing.registry import source_format
+from trackfg.interchange.importing.times import states_zone
 from trackfg.recording.model import Recording
 
 Import = Callable[..., Imported]
@@ -113,3 +114,8 @@ def test_positions_alone_are_refused_in_one_sentence(drive: Drive, tmp_path: Pat
     log.to_csv(tmp_path / "gps.csv", index=False)
     with pytest.raises(BadInputError, match=r"^positions, but no gyro and no accelerometer found among gps"):
         imported(tmp_path / "gps.csv")
+
+
+@pytest.mark.parametrize(("cell", "stated"), [("2026-05-01 03:12:00.005 +0000", True), ("2026-05-01 03:12:00", False)])
+def test_an_offset_after_a_blank_states_the_zone(cell: str, stated: bool) -> None:
+    assert states_zone(cell) == stated

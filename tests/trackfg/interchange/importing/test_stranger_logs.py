@@ -130,6 +130,23 @@ def _japanese(drive: Drive, folder: Path) -> Path:
     return _text(folder / "log.csv", [",".join([*names, "速度[km/h]"])], rows, encoding="shift_jis")
 
 
+def _finnish(drive: Drive, folder: Path) -> Path:
+    names = [
+        f"{name} {axis} ({unit})" for name, unit in (("Kulmanopeus", "°/s"), ("Kiihtyvyys", "g")) for axis in "XYZ"
+    ]
+    rows = _cells(drive, _stamps(drive, "%d.%m.%Y %H.%M.%S,%f"), rate=DEG, force=G, wheel=1 / 3.6)
+    return _text(folder / "log.csv", [";".join(["Aika", *names, "Nopeus (km/h)"])], rows, ";")
+
+
+def _columns_of_two_levels(drive: Drive, folder: Path) -> Path:
+    values = np.column_stack([drive.gyro, drive.accel, drive.speed])
+    columns = [(name, axis) for name in ("gyro", "accel") for axis in "xyz"]
+    frame = pd.DataFrame(values, index=pd.to_datetime(drive.ns, utc=True), columns=[*columns, ("wheel_mps", "")])
+    frame.columns = pd.MultiIndex.from_tuples(frame.columns)
+    frame.to_parquet(folder / "log.parquet")
+    return folder / "log.parquet"
+
+
 def _units_of_everyone(drive: Drive, folder: Path) -> Path:
     head = "t[s];wx[mdeg/s];wy[mdeg/s];wz[mdeg/s];ax[cm/s2];ay[cm/s2];az[cm/s2];v[ft/s]"
     return _text(
@@ -373,7 +390,7 @@ def _distance_of_each_row(drive: Drive, folder: Path) -> Path:
 
 
 DATED = (
-    _row_for_each_field,
+    _row_for_each_field, _finnish, _columns_of_two_levels,
     _date_and_time_in_digits, _iso_with_an_offset, _name_of_a_zone, _repeated_and_displaced_rows,
     _a_row_for_each_sensor,
     _a_file_for_each_channel, _folders_in_a_zip, _folders_in_a_tar, _parquet, _feather_of_a_zone, _json_lines, _sqlite,

@@ -57,7 +57,7 @@ _PATTERNS = {
     "sd_vertical": r"v(er\w*)?[ _]?acc\b|vertical.?accuracy|altitude.?accuracy|sd[ _]?[uv]\b",
     "time": (
         r"^t$|time|zeit|uhr|datum|(?<!up)date|utc|stamp|elapsed|epoch|heure|seconds?$|^ts$|^gpst$|\btow\b|^sow$|^sod$|"
-        r"時刻|時間|时间|tiempo|^temps|hora|^clock$|^millis|^micros"
+        r"時刻|時間|时间|tiempo|^temps|hora|^aika|^tid$|^tijd|^czas|^clock$|^millis|^micros"
     ),
 }
 """In the order in which they are tried. English, German, some other languages; anything else has to be stated."""

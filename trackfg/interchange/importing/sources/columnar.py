@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import sqlite3
 from collections.abc import Iterator
 from contextlib import closing
@@ -30,10 +31,15 @@ _ROWS_AT_ONCE = 50_000
 """Rows of a database that are turned into columns at a time: as Python's numbers they are four times as large."""
 
 
+_LEVELS, _LEVEL = re.compile(r"\('.*'\)"), re.compile(r"'([^']*)'")
+"""A name of several levels, ``('gyro', 'x')``, as pandas writes it, and one of them."""
+
+
 def read_arrow(path: Path) -> list[SourceTable]:
     """Read a Parquet, Feather or Arrow file, a column at a time. Raises :class:`BadInputError` where it is none."""
     units, columns, notes = {}, {}, []
-    for name, column in _arrow_columns(path):
+    for written, column in _arrow_columns(path):
+        name = " ".join(_LEVEL.findall(written)).strip() if _LEVELS.fullmatch(written) else written
         if pa.types.is_timestamp(column.type):
             if column.type.tz is None:
                 notes.append(f"{path.name}: times of {name} state no zone: they are taken as UTC")
