@@ -20,6 +20,7 @@ from trackfg.interchange.importing.sources.tdms import Tdms
 from trackfg.interchange.importing.sources.text import TextFormat
 from trackfg.interchange.importing.sources.vbo import Vbo
 from trackfg.interchange.importing.unread_formats import unread_format
+from trackfg.results.result import RESULT_FOLDER
 
 ENTRY_POINT = "trackfg.source_formats"
 """Other packages register a :class:`SourceFormat` class under this group."""
@@ -50,7 +51,7 @@ def source_format(path: Path, name: str | None = None) -> SourceFormat:
     """Return the format of that name, or the one that recognises the source.
 
     Raises :class:`BadInputError` where there is none of that name, no such file or a pipe, where the source is a
-    recording of trackfg, and where nothing recognises it.
+    recording or a result of trackfg, and where nothing recognises it.
     """
     formats = source_formats()
     named = None if name is None else by_name(formats, name)
@@ -66,6 +67,8 @@ def source_format(path: Path, name: str | None = None) -> SourceFormat:
             f"{path}: is a trackfg recording; expected one of another system. Hint: trackfg check and smooth take it "
             "as it is; --from text imports its tables anew, without what recording.toml says of them"
         )
+    if RESULT_FOLDER.holds(path):
+        raise BadInputError(f"{path}: is a trackfg result; expected a recording of another system")
     candidate = next((form for form in formats.values() if form.recognises(path)), None)
     if (candidate is None or path.suffix.casefold() in TEXT_SUFFIXES) and (unread := unread_format(path)) is not None:
         raise BadInputError(unread)

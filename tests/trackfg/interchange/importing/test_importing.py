@@ -21,6 +21,7 @@ from trackfg.interchange.importing.mapping import mapping_of, read_mapping
 from trackfg.interchange.importing.proposal import propose
 from trackfg.interchange.importing.registry import source_format, source_formats
 from trackfg.io.reader import read_recording
+from trackfg.smoothing.smoother import smooth
 
 
 def _trackfg(*arguments: object, answers: str | None = None) -> subprocess.CompletedProcess[str]:
@@ -115,6 +116,17 @@ def test_a_recording_is_not_imported_as_if_its_truth_were_measured(tmp_path):
     with pytest.raises(BadInputError, match=r"is a trackfg recording; .* Hint: trackfg check and smooth take it"):
         source_format(tmp_path / "run")
     assert source_format(tmp_path / "run", "text").key == "text"
+
+
+def test_a_result_is_no_source_but_a_folder_with_a_summary_of_another_system_is(tmp_path):
+    smooth(simulate("mainline", duration_s=20.0).recording).write(tmp_path / "out")
+
+    with pytest.raises(BadInputError, match="is a trackfg result; expected a recording of another system"):
+        source_format(tmp_path / "out")
+    (tmp_path / "log").mkdir()
+    (tmp_path / "log" / "summary.json").write_text("{}")
+    (tmp_path / "log" / "imu.csv").write_text("t,gx\n")
+    assert source_format(tmp_path / "log").key == "text"
 
 
 def test_init_says_what_it_recognised_and_takes_the_place_where_the_run_begins(tmp_path):

@@ -19,6 +19,7 @@ from interchange.foreign_forms import START_NS, Drive, write_rcm_dx
 from trackfg.errors import BadInputError
 from trackfg.interchange.importing.conversion import Imported
 from trackfg.interchange.importing.registry import source_format
+from trackfg.interchange.importing.shapes.channel_tables import with_joined_channels
 from trackfg.interchange.importing.source_table import SourceTable
 from trackfg.interchange.importing.sources.mdf import _joined
 from trackfg.interchange.importing.sources.messages import cells_of, measured_ns
@@ -326,6 +327,11 @@ def test_hundreds_of_channels_with_a_group_each_are_one_table() -> None:
     assert joined[1].columns == ["time_s", *names]
     assert joined[1].units == dict.fromkeys(names, "V")
     np.testing.assert_array_equal(joined[1].frame["c299"], 299.0 + t)
+
+
+def test_a_column_of_values_that_grow_is_not_the_time_of_itself() -> None:
+    table = SourceTable("key.csv", pd.DataFrame({"a": [3.0, 1.0, 2.0], "value": [1.0, 2.0, 3.0]}))
+    assert with_joined_channels([table]) == [table]
 
 
 def test_mdf_3_is_read(drive: Drive, tmp_path: Path, imported: Import) -> None:

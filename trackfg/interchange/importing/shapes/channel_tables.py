@@ -52,7 +52,7 @@ def with_joined_channels(tables: Sequence[SourceTable]) -> list[SourceTable]:
     out: list[SourceTable | bytes] = []
     for table in tables:
         times, value = time_columns(table), _only_value(table)
-        if times is None or len(times) != 1 or value is None:
+        if times is None or len(times) != 1 or value is None or times == (value,):
             out.append(table)
             continue
         key = pd.util.hash_pandas_object(table.frame[times[0]], index=False).to_numpy().tobytes()
