@@ -51,6 +51,8 @@ UNKNOWN_HEIGHT_SD_M = 1000.0
 RAW_DEGREES = "1e-7 deg"
 """Unit of coordinates in messages of u-blox and of MAVLink."""
 _RIGHT_ANGLE = 90.0
+_LOCAL_M = 20_000.0
+"""Easting and northing below this are of a frame of one's own: no grid has a railway so near to its origin."""
 _NUMBERS = ("gyro", "accel", "free_accel", "count", "distance", "speed", "latitude", "longitude", "easting", "northing")
 """Kinds of columns that are lost where a cell is text."""
 
@@ -154,19 +156,16 @@ def _validity(proposal: Proposal, table: SourceTable, latitude: str) -> dict[str
 
 def _system(proposal: Proposal, table: SourceTable, plan: tuple[str, str], ask: Ask) -> dict[str, str]:
     """Return the key of the reference system of easting and northing, which is asked where the table states none."""
-    system = stated_system(table, plan)
-    proposal.reasons["gnss.crs"] = "the table states it"
-    if system is None:
-        text = (
-            f"Reference system of {' and '.join(plan)}, such as EPSG:25832 or UTM 32N; local: east and north in metres"
-        )
-        expected = "an EPSG code such as EPSG:25832, a zone such as UTM 32N, or local"
-        question = Question(
-            "gnss.crs", text, "", accepts=lambda name: _system_named(name) is not None, expected=expected
-        )
-        system = _system_named(asked(ask, question))
-        proposal.reasons["gnss.crs"] = "the table does not state it"
-    return {"frame": LOCAL} if system == LOCAL or system is None else {"crs": system}
+    if (system := stated_system(table, plan)) is not None:
+        proposal.reasons["gnss.crs"] = "the table states it"
+        return {"crs": system}
+    text = f"Reference system of {' and '.join(plan)}, such as EPSG:25832 or UTM 32N; local: east and north in metres"
+    expected = "an EPSG code such as EPSG:25832, a zone such as UTM 32N, or local"
+    near = max(np.nanmax(np.abs(table.numbers(name)), initial=0.0) for name in plan) < _LOCAL_M
+    default = LOCAL if near else ""
+    question = Question("gnss.crs", text, default, accepts=lambda name: bool(_system_named(name)), expected=expected)
+    system = _system_named(asked(ask, question))
+    return {"frame": LOCAL} if system is None or system == LOCAL else {"crs": system}
 
 
 def _system_named(answer: str) -> str | None:

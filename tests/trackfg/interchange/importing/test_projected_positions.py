@@ -86,6 +86,24 @@ def test_local_positions_are_east_and_north_in_metres(drive: Drive, tmp_path: Pa
     assert np.hypot(np.ptp(recording.gnss["east_m"]), np.ptp(recording.gnss["north_m"])) == pytest.approx(way, rel=0.01)
 
 
+def test_positions_near_their_origin_are_local_unless_another_system_is_named(
+    drive: Drive, tmp_path: Path, imported: Import
+) -> None:
+    way = 111_200.0 * (drive.latitude - drive.latitude[0])
+    log = pd.read_csv(_log(drive, tmp_path, "e_utm_32", "n_utm_32")).rename(
+        columns=lambda name: name.replace("_utm_32", "")
+    )
+    log.loc[log["n"].notna(), ["e", "n"]] = np.stack([0.0 * way + 1.0, way + 1.0], axis=1)
+    log.rename(columns={"Height [m]": "up [m]"}).to_csv(tmp_path / "log.csv", index=False)
+
+    recording = imported(tmp_path / "log.csv").loaded.recording
+
+    assert recording is not None
+    assert recording.gnss is not None
+    np.testing.assert_allclose(recording.gnss["north_m"], way + 1.0, atol=1e-6)
+    np.testing.assert_allclose(recording.gnss["up_m"], 500.0)
+
+
 @pytest.mark.parametrize(
     ("names", "system"),
     [

@@ -52,7 +52,7 @@ _PATTERNS = {
     ),
     "easting": rf"{_NO_RATE}.*(\beast(ing)?\b|rechtswert|ostwert)|^e$|^[ex]\W*{_GRID}|{_GRID}[\w ]* ?[ex]$",
     "northing": rf"{_NO_RATE}.*(\bnorth(ing)?\b|hochwert|nordwert)|^n$|^[ny]\W*{_GRID}|{_GRID}[\w ]* ?[ny]$",
-    "height": r"^alt|^elev|altitude|height|höhe|hoehe|^h$|ellh|(?<=gps )alt|(?<=gnss )alt",
+    "height": r"^alt|^elev|^up$|altitude|height|höhe|hoehe|^h$|ellh|(?<=gps )alt|(?<=gnss )alt",
     "sd_horizontal": r"h(or\w*)?[ _]?acc|horizontal.?accuracy|^((gps|gnss|location)[ _])?accuracy|sd[ _]?[neh]\b",
     "sd_vertical": r"v(er\w*)?[ _]?acc\b|vertical.?accuracy|altitude.?accuracy|sd[ _]?[uv]\b",
     "time": (
