@@ -10,7 +10,7 @@ kind       dim   content and tangent
                  previous keyframe (m)
 ``MOUNT``  5     shared: pitch and yaw of the direction of travel relative to the IMU's forward axis (rad); where the
                  point that follows the track is, from the vehicle reference point, in IMU axes (m)
-``IMU``    26    shared: scale factors, misalignments and rectification of the inertial sensor, and the turning of the
+``IMU``    29    shared: scale factors, misalignments and rectification of the inertial sensor, and the turning of the
                  Earth that it measures, as :mod:`trackfg.factors.bias` says
 ``CLOCK``  3     shared: what to add to other clocks' times to bring them to the IMU's: the tach's offset (s) in the
                  middle of the run and its drift (s/s), the GNSS receiver's offset (s)
@@ -53,7 +53,7 @@ class Kind(Enum):
     ODO = ("o", 4, False)
     MOUNT = ("m", 5, True)
     CLOCK = ("c", 3, True)
-    IMU = ("i", 26, True)
+    IMU = ("i", 29, True)
     WHEEL = ("w", 5, True)
     SENSOR = ("s", 2, True)
 

@@ -9,7 +9,7 @@
 
 namespace {
 
-constexpr int GYRO_RATE = 6;  // where W begins in IMU, row by row
+constexpr int GYRO_RATE = 9;  // where W begins in IMU, row by row
 constexpr int MOST_SLOTS = 4, MOST_DATA = 8;
 
 // What a factor is computed from: the values that it touches, slot by slot, and its measurements. Values of NAV are its

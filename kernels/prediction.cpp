@@ -9,7 +9,8 @@
 
 namespace {
 
-constexpr int AXES = 3, CHANNELS = 6, RATE = 6, FORCE = 15, POWER = 21, EARTH = 24;  // where parts of IMU begin
+constexpr int AXES = 3, CHANNELS = 6, RATE = 9, FORCE = 18, POWER = 24, EARTH = 27;  // where parts of IMU begin
+constexpr double STANDARD_GRAVITY = 9.80665;  // trackfg.numerics.units
 
 // In the order in which predicted_motion.py writes them.
 struct Setting {
@@ -77,10 +78,13 @@ void respond(const double *force, const double *rate, const double *power, const
     for (int axis = 0; axis < AXES; ++axis) {
         double *accel = out + IMU * axis, *gyro = out + IMU * (AXES + axis);
         for (int i = 0; i < 2; ++i) {
-            accel[2 * axis + i] = gyro[FORCE + 2 * axis + i] = force[i];
+            gyro[FORCE + 2 * axis + i] = force[i];
             gyro[EARTH + i] = R[i][axis];
         }
-        for (int i = 0; i < AXES; ++i) gyro[RATE + AXES * axis + i] = rate[i];
+        for (int i = 0; i < AXES; ++i) {
+            accel[AXES * axis + i] = force[i] - (i == 2 ? STANDARD_GRAVITY : 0.0);
+            gyro[RATE + AXES * axis + i] = rate[i];
+        }
         accel[POWER + axis] = power[axis];
     }
 }
@@ -90,7 +94,7 @@ void respond(const double *force, const double *rate, const double *power, const
 // predict_interval(edges (n + 1), gyro (n, 3), accel (n, 3), bridged (n), layout, setting, limits, states, results): the
 // interval of the samples from layout[0] to layout[1], noise blocks of layout[2] samples, the widths layout[3] and [4] of
 // vibration, increments of layout[5] samples; `setting` as above, `limits` of the noise; `states` of one keyframe, which it
-// begins at, as States.arrays has them. Results: means of accelerometer, gyro and vibration (3, 3); response (6, 26); bias
+// begins at, as States.arrays has them. Results: means of accelerometer, gyro and vibration (3, 3); response (6, 29); bias
 // and density of the noise (2, 6); increments (m, 7): durations (m), then rotations (m, 3), then velocities (m, 3); gravity
 // and the frame's rate (4); delta; state at the end (15); distance and speeds at the first and last edge (3); distance
 // rolled at the edges (n + 1); turns (3, 3, 3); body rates (2, 3).

@@ -8,7 +8,7 @@
 #include "arrays.h"
 #include "rotations.h"
 
-constexpr int NAV = 9, BIAS = 6, ODO = 4, MOUNT = 5, CLOCK = 3, IMU = 26, WHEEL = 5, SENSOR = 2;
+constexpr int NAV = 9, BIAS = 6, ODO = 4, MOUNT = 5, CLOCK = 3, IMU = 29, WHEEL = 5, SENSOR = 2;
 constexpr int DISTANCE = 0, SCALE = 1, COUNT = 2, STEP = 3;  // of ODO
 
 // The kinds of variables in the order in which Python passes their values, those of NAV as three arrays.

@@ -162,8 +162,8 @@ _FACTORS = (
             _one("the Coriolis force is mirrored", "-2.0 * (in_body", "2.0 * (in_body"),
             _one(
                 "g-sensitivity and gyro scale change places",
-                "6 + 3 * axis : 9 + 3 * axis] = rate",
-                "6 + 3 * axis : 9 + 3 * axis] = force",
+                "9 + 3 * axis : 12 + 3 * axis] = rate",
+                "9 + 3 * axis : 12 + 3 * axis] = force",
             ),
         ),
     ),

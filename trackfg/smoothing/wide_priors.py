@@ -26,7 +26,6 @@ from trackfg.factors.motion import mount_matrix
 from trackfg.factors.odometry import SPEED_OFFSET
 from trackfg.factors.states import Kind, Odo
 from trackfg.graph.build import Problem
-from trackfg.graph.inertial import response_of_motion
 from trackfg.graph.priors import CALIBRATION_FACTOR
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.geodesy import EARTH_RATE
@@ -35,6 +34,7 @@ from trackfg.numerics.units import DEG_PER_H
 from trackfg.recording.findings import Finding
 from trackfg.results.verdict import Doubt
 from trackfg.smoothing.doubts.gradient_doubts import is_steeper_than_any_line
+from trackfg.smoothing.noisy_response import without_noise
 from trackfg.smoothing.reassessment import Reassessment, SolvedRun, others_are_worse
 from trackfg.solver.leave_one_out import prior_left_out
 
@@ -49,10 +49,6 @@ _WIDENED = 1.2
 
 _LEAST_FREE = 1e-9
 """1 - h at least: beyond it rounding decides what the data alone say."""
-
-_SAME_MOTION = 0.1
-"""Change of the motion, relative, from which the response to it is renewed: by the square of it a scale factor may then
-be off."""
 
 _SET_SD = 1e-5
 """Sigmas below this do not say what is known but what is so by convention."""
@@ -118,9 +114,9 @@ def _clocks() -> Iterator[_Scalar]:
 def _calibration() -> Iterator[_Scalar]:
     column = count()
     hint = "declare {} of [imu.noise] as large"
-    triads = (("accelerometer", "accel", "force", "xy"), ("gyro", "gyro", "angular rate", "xyz"))
-    for name, key, signal, inputs in triads:
-        for axis, other in product("xyz", inputs):
+    triads = (("accelerometer", "accel", "force"), ("gyro", "gyro", "angular rate"))
+    for name, key, signal in triads:
+        for axis, other in product("xyz", "xyz"):
             text = f"the {name}'s {axis} axis senses {{}} % of the {signal} along {other}"
             declared = "misalignment_sd_rad"
             if axis == other:
@@ -186,8 +182,8 @@ def wide_priors(run: SolvedRun) -> Reassessment:
             far = [c for c, scalar in columns.items() if abs(judged.sigmas[c]) > scalar.limit]
             if kind is Kind.MOUNT and not _shows_mounting(run, judged.alone[far], _FARTHEST[far]):
                 far = []
-            if kind is Kind.IMU and far and (without_noise := _of_motion(run, problem)) is not None:
-                any_changed, problem = True, without_noise
+            if kind is Kind.IMU and (quiet := without_noise(run, problem, contradicted=bool(far))) is not None:
+                any_changed, problem = True, quiet
                 continue
             findings += _contradictions(kind, judged, [columns[c] for c in far], prior_sd)
             if kind is Kind.MOUNT:
@@ -264,28 +260,6 @@ def _judged(run: SolvedRun, kind: Kind, declared: Family, current: Family) -> _J
     level = max(1.0, *run.noise_ratios.values()) if run.noise_ratios else 1.0
     spread = level * np.sqrt(variance_alone)
     return _Judged(alone, spread, alone / np.hypot(declared.sigma[0], spread))
-
-
-def _of_motion(run: SolvedRun, problem: Problem) -> Problem | None:
-    """Return the problem whose inertial sensor responds to the motion of the solution; None where it already does.
-
-    Noise beside the forces and rates by which a calibration is multiplied passes for a scale factor.
-    """
-    walk = problem.family(FactorType.BIAS_WALK)
-    if walk is None or not problem.measured:
-        return None
-    nav = run.solution.states.nav
-    response = response_of_motion(nav, problem.t, problem.measured[0].gravity, problem.response)
-    change = np.diff(response, axis=0)
-    differs, size = (np.linalg.norm(terms, axis=(0, 1)) for terms in (walk.data["change"] - change, change))
-    if (differs <= _SAME_MOTION * size).all():
-        return None
-
-    def of_motion(family: Family) -> Family:
-        return family.with_data(change=change)
-
-    families = changed(problem.families, FactorType.BIAS_WALK, of_motion)
-    return replace(problem, families=families, response=response)
 
 
 def _with_sigma(problem: Problem, prior: Family, sigma: Array) -> Problem:

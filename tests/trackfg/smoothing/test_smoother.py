@@ -15,6 +15,7 @@ from trackfg.config import SmoothConfig
 from trackfg.datasets.faults import drop_imu, drop_tach
 from trackfg.datasets.scenarios import Simulation, scenario, simulate
 from trackfg.errors import BadInputError, UnsolvableError
+from trackfg.factors.bias import OF_GYRO_RATE
 from trackfg.factors.states import Kind
 from trackfg.numerics.rotations import matrix_from_rpy
 from trackfg.recording.description import Fixes, ImuNoise
@@ -152,8 +153,8 @@ def test_scale_factors_and_misalignments_are_found(simulated: Callable[..., Simu
     described = run.recording.description
     described = described.model_copy(update={"imu": described.imu.model_copy(update={"noise": noise})})
     result = solved(replace(run.recording, imu=imu, description=described))
-    found = result.solution.states.imu[0, 6:15].reshape(3, 3)
-    sd = np.sqrt(np.diagonal(result.covariance.of(Kind.IMU)[0]))[6:15].reshape(3, 3)
+    found = result.solution.states.imu[0, OF_GYRO_RATE].reshape(3, 3)
+    sd = np.sqrt(np.diagonal(result.covariance.of(Kind.IMU)[0]))[OF_GYRO_RATE].reshape(3, 3)
     assert sd[0, 2] < 0.7 * noise.misalignment_sd_rad
     assert sd[2, 2] < 0.9 * noise.gyro_scale_sd
     for row, column in ((2, 2), (0, 2)):
