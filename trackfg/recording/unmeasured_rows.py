@@ -25,7 +25,7 @@ class UnmeasuredRows(NamedTuple):
 def unmeasured_in(recording: Recording) -> dict[str, UnmeasuredRows]:
     """Return the rows of a receiver's tables that are held, or in tables without such interpolated, by table."""
     held = held_in(recording)
-    found = {name: _held(name, rows) for name, rows in held.items()}
+    unmeasured = {name: _held(name, rows) for name, rows in held.items()}
     speeds = recording.others.get(GNSS_SPEED_TABLE)
     for name, table, columns in (
         ("gnss", recording.gnss, list(GNSS_COLUMNS[1:3])),
@@ -35,8 +35,8 @@ def unmeasured_in(recording: Recording) -> dict[str, UnmeasuredRows]:
             continue
         rows = interpolated_rows(table["t_s"].to_numpy(), table[columns].to_numpy())
         if rows.any():
-            found[name] = _interpolated(name, rows)
-    return found
+            unmeasured[name] = _interpolated(name, rows)
+    return unmeasured
 
 
 def held_in(recording: Recording) -> dict[str, np.ndarray]:
