@@ -3,7 +3,8 @@
 // numpy takes the memory of arrays from a handler (NEP 49), here one that gives what numpy's own gives until large
 // arrays hold `budget` bytes, and from then on places in a file that is mapped into memory. The kernel writes its pages
 // and reads them again as they are needed. A thread watches what the process holds in memory, and where that comes
-// near the limit, lets go of the file's pages: what is in them stays in the file. Values do not depend on any of this.
+// near the limit, lets go of the heap's free pages, which malloc keeps, and of the file's pages: what is in these stays
+// in the file. Values do not depend on any of this.
 #include "arrays.h"
 
 #if defined(__linux__)
@@ -141,17 +142,40 @@ class ScratchFile {
 
     void watch() {
         std::unique_lock<std::mutex> lock(mutex_);
-        while (!wake_.wait_for(lock, WATCHED_EVERY, [this] { return ended_; })) let_go();
+        while (!wake_.wait_for(lock, WATCHED_EVERY, [this] { return ended_; })) {
+            trim_heap();
+            let_go();
+        }
+    }
+
+    // Let go of the heap's free pages where the process holds much, and its heap has grown.
+    void trim_heap() {
+#if defined(__GLIBC__)
+        const Held held = held_now();
+        if (held.heap + held.of_files < limit_ / 10 * 8 || held.heap <= trimmed_ + limit_ / 10) return;
+        malloc_trim(0);
+        trimmed_ = held_now().heap;
+#endif
     }
 
     // Let go of the file's pages where the process holds much, and enough of it is the file's.
     void let_go() {
+        const Held held = held_now();
+        if (held.heap + held.of_files < limit_ / 10 * 8 || held.of_files < limit_ / 10) return;
+        madvise(base_, size_, MADV_DONTNEED);
+    }
+
+    struct Held {
+        std::size_t heap, of_files;
+    };
+
+    // Bytes that the process holds in memory: those of files, and all others.
+    Held held_now() const {
         char text[128] = {};
         unsigned long all = 0, resident = 0, of_files = 0;
-        if (pread(statm_, text, sizeof text - 1, 0) <= 0) return;
-        if (std::sscanf(text, "%lu %lu %lu", &all, &resident, &of_files) != 3) return;
-        if (resident * page_ < limit_ / 10 * 8 || of_files * page_ < limit_ / 10) return;
-        madvise(base_, size_, MADV_DONTNEED);
+        if (pread(statm_, text, sizeof text - 1, 0) <= 0) return {};
+        if (std::sscanf(text, "%lu %lu %lu", &all, &resident, &of_files) != 3) return {};
+        return {(resident - of_files) * page_, of_files * page_};
     }
 
     const int file_;
@@ -161,6 +185,7 @@ class ScratchFile {
     const std::size_t page_ = sysconf(_SC_PAGESIZE);
     std::atomic<char *> base_{nullptr};
     std::size_t size_ = 0;
+    std::size_t trimmed_ = 0;  // bytes of the heap in memory after its free pages were let go of
     std::map<std::size_t, std::size_t> gaps_, places_;  // lengths by beginnings
     std::mutex mutex_;
     std::condition_variable wake_;

@@ -32,6 +32,24 @@ print(next(line.split()[1] for line in open("/proc/self/status") if line.startsw
 """
 """Makes 0.8 GB of arrays, reads them all, and prints its peak memory, kB."""
 
+_FREED = """
+import sys
+from pathlib import Path
+import numpy as np
+from trackfg.cli.freed_memory import keep_freed_memory
+from trackfg.numerics.bounded_memory import bounded_memory
+
+keep_freed_memory()
+with bounded_memory(500_000_000, Path(sys.argv[1])):
+    blocks = [bytes(100_000) for _ in range(6_000)]
+    newest = blocks.pop()  # the free memory is below it
+    del blocks
+    columns = [np.full(1_000_000, float(i)) for i in range(100)]
+    assert [column.max() for column in columns] == list(range(100))
+print(next(line.split()[1] for line in open("/proc/self/status") if line.startswith("RssAnon")))
+"""
+"""Frees 0.6 GB of small blocks, makes 0.8 GB of arrays, and prints the memory that is not of files, kB."""
+
 _FORK = """
 import os
 import sys
@@ -71,6 +89,13 @@ def test_memory_is_bounded_and_nothing_is_left(tmp_path: Path) -> None:
     run = subprocess.run(command, check=True, capture_output=True, text=True)
     assert 1024 * int(run.stdout) < 400_000_000
     assert not list(tmp_path.iterdir())
+
+
+@in_file
+def test_what_small_blocks_freed_is_not_kept(tmp_path: Path) -> None:
+    command = [sys.executable, "-c", _FREED, str(tmp_path)]
+    run = subprocess.run(command, check=True, capture_output=True, text=True)
+    assert 1024 * int(run.stdout) < 400_000_000
 
 
 @in_file
