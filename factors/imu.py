@@ -170,7 +170,14 @@ class InertialFactors(Outlined):
 
     @cached_property
     def _deltas(self) -> Array:
-        return np.array([one.delta for one in self.measured])
+        """All preintegrated measurements, shape (n - 1, DELTA_SIZE). Each interval keeps its row, and no copy of it."""
+        from trackfg.numerics import compiled
+
+        rows = np.empty((len(self.measured), compiled.DELTA_SIZE))
+        for one, row in zip(self.measured, rows, strict=True):
+            row[:] = one.delta
+            vars(one)["delta"] = row
+        return rows
 
     def _rows(self, states: States, columns: int) -> Array:
         from trackfg.numerics import compiled

@@ -244,6 +244,19 @@ def test_kernels_linearise_as_gtsam_does(turning: tuple[InertialFactors, States]
     assert factors.cost(states) == pytest.approx(theirs.sum(), rel=1e-11)
 
 
+@pytest.mark.parametrize("kernels", ["compiled"], indirect=True)
+@pytest.mark.usefixtures("kernels")
+def test_intervals_keep_no_copy_of_what_their_factors_have(turning: tuple[InertialFactors, States]) -> None:
+    factors, states = turning
+    alone = [replace(one).delta for one in factors.measured]
+    cost = factors.cost(states)
+    again = InertialFactors(factors.measured[1:])
+    assert len({id(one.delta.base) for one in factors.measured}) == 1
+    np.testing.assert_array_equal([one.delta for one in factors.measured], alone)
+    assert again.cost(replace(states, nav=states.nav[1:], bias=states.bias[1:])) < cost == factors.cost(states)
+    assert len({id(one.delta.base) for one in again.measured}) == 1
+
+
 def test_kernels_predict_as_gtsam_does(turning: tuple[InertialFactors, States], with_both: WithBoth) -> None:
     factors, states = turning
     for k, measured in enumerate(factors.measured):
