@@ -50,8 +50,9 @@ class Channel:
         half = np.clip(np.minimum(t - self.t[0], self.t[-1] - t), 0.0, 0.5 * window_s)  # the middle stays at t
         low, high = t - half, t + half
         total = np.interp(high, self.t, self.integral) - np.interp(low, self.t, self.integral)
-        at = np.interp(t, self.t, self.displacement)
-        mean = np.where(high > low, total / np.where(high > low, high - low, 1.0), at)
+        instant = ~(high > low)
+        mean = total / np.where(instant, 1.0, high - low)
+        mean[instant] = np.interp(t[instant], self.t, self.displacement)
         near = np.searchsorted(self.t, t).clip(1, len(self.t) - 1)
         lower, upper = self.t[near - 1], self.t[near]
         longest = _HOLE_READINGS / self.rate_hz
