@@ -27,7 +27,9 @@ _LARGEST = 2**31 - 1
 
 
 def keep_freed_memory() -> None:
-    """Have this process keep what it frees, until it ends; nothing happens where the C library is not glibc."""
+    """Have this process keep what it frees until it ends, or comes near the limit of
+    :mod:`trackfg.numerics.bounded_memory`; nothing happens where the C library is not glibc.
+    """
     if os.name != "posix":
         return
     mallopt = getattr(ctypes.CDLL(None), "mallopt", None)
