@@ -174,9 +174,9 @@ class InertialFactors(Outlined):
         from trackfg.numerics import compiled
 
         rows = np.empty((len(self.measured), compiled.DELTA_SIZE))
-        for one, row in zip(self.measured, rows, strict=True):
-            row[:] = one.delta
-            vars(one)["delta"] = row
+        for interval, row in zip(self.measured, rows, strict=True):
+            row[:] = interval.delta
+            vars(interval)["delta"] = row
         return rows
 
     def _rows(self, states: States, columns: int) -> Array:

@@ -197,13 +197,13 @@ _FACTORS = (
         ),
     ),
     Part(
-        "trackfg/smoothing/balise_fixes.py",
-        ("tests/trackfg/smoothing/test_balises.py",),
+        "trackfg/smoothing/fixes/balise_fixes.py",
+        ("tests/trackfg/smoothing/fixes/test_balises.py",),
         (_one("a place that is passed again is known better each time", "np.sqrt(passes) * ", ""),),
     ),
     Part(
         "trackfg/graph/balise_ties.py",
-        ("tests/trackfg/smoothing/test_balises.py",),
+        ("tests/trackfg/smoothing/fixes/test_balises.py",),
         (_one("ties are twice as exact as readings", "sigma = read * ", "sigma = 0.5 * read * "),),
     ),
     Part(

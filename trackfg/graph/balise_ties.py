@@ -2,9 +2,9 @@
 
 The place L of a balise is a variable that the run shares. Passed n times, with a planned place of sigma p and readings
 of sigma r, it has the information of a landmark: of the mean of the passages ``1 / (p^2 + r^2 / n)``, of their
-differences ``1 / r^2``. Fixes of variance ``n p^2 + r^2`` each (:mod:`trackfg.smoothing.balise_fixes`), which are held
-against the others by hypotheses and leave-one-out residuals, have the first and a part ``1 / (n p^2 + r^2)`` of the
-second. So the passages of a free L get the rest of it, the variance
+differences ``1 / r^2``. Fixes of variance ``n p^2 + r^2`` each (:mod:`trackfg.smoothing.fixes.balise_fixes`), which are
+held against the others by hypotheses and leave-one-out residuals, have the first and a part ``1 / (n p^2 + r^2)`` of
+the second. So the passages of a free L get the rest of it, the variance
 
     r^2 (1 + r^2 / (n p^2)),
 

@@ -65,9 +65,10 @@ def cauchy_fit(
     for _ in range(_ROUNDS):
         level = max(robust_sd(off - median(off)), least_sd)
         weighted = rows.T * weight / (per_value * level**2)
-        information, before = weighted @ rows + precision, coefficients
-        coefficients = np.asarray(np.linalg.solve(information, weighted @ right), dtype=np.float64)
-        if (coefficients - before) @ information @ (coefficients - before) < _SETTLED**2:
+        information = weighted @ rows + precision
+        solution = np.asarray(np.linalg.solve(information, weighted @ right), dtype=np.float64)
+        step, coefficients = solution - coefficients, solution
+        if step @ information @ step < _SETTLED**2:
             break
         off = right - rows @ coefficients
         weight = np.asarray(1.0 / (1.0 + np.square(off / (_CAUCHY * level))), dtype=np.float64)

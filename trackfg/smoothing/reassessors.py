@@ -7,6 +7,7 @@ so that speeds which a phone has filtered do not take all rounds; a level of noi
 
 from __future__ import annotations
 
+from trackfg.smoothing.fixes.wrong_fixes import wrong_fixes
 from trackfg.smoothing.gnss_errors import gnss_errors, gnss_speed_errors
 from trackfg.smoothing.leaning_body import leaning_body
 from trackfg.smoothing.noise_levels import noise_levels
@@ -15,7 +16,6 @@ from trackfg.smoothing.rectification import rectification
 from trackfg.smoothing.weightless_sensors import weightless_sensors
 from trackfg.smoothing.wheel_scale import wheel_scale
 from trackfg.smoothing.wide_priors import wide_priors
-from trackfg.smoothing.wrong_fixes import wrong_fixes
 
 REASSESSORS: tuple[Reassessor, ...] = (
     wrong_fixes,

@@ -50,9 +50,10 @@ from trackfg.results.summary import Estimate, Mounting, RunFacts, Solver, Summar
 from trackfg.results.verdict import Verdict, widening
 from trackfg.results.widening import widened, widened_passages, widened_places
 from trackfg.sensors.displacement import RailView, rail_views
-from trackfg.smoothing.balise_fixes import balise_findings, with_balise_fixes
 from trackfg.smoothing.doubts.judgement import judged
 from trackfg.smoothing.doubts.recording_doubts import recording_doubts, recording_findings
+from trackfg.smoothing.fixes.balise_fixes import balise_findings, with_balise_fixes
+from trackfg.smoothing.fixes.wrong_fixes import with_consensus
 from trackfg.smoothing.imu_clock_jumps import without_imu_clock_jumps
 from trackfg.smoothing.late_clocks import Offsets, gnss_moved_s, solved_in_time, with_gnss_in_time, with_offsets
 from trackfg.smoothing.noise_levels import levels, noise_findings
@@ -61,7 +62,6 @@ from trackfg.smoothing.reassessment import SolvedRun, reassessed
 from trackfg.smoothing.reassessors import REASSESSORS
 from trackfg.smoothing.straights import with_roll_of_mounting
 from trackfg.smoothing.weightless_sensors import without_contradicted_speeds, without_unmeasured_rows
-from trackfg.smoothing.wrong_fixes import with_consensus
 from trackfg.solver.covariance import Covariance, posterior_covariance
 from trackfg.solver.gauss_newton import Solution, solve
 from trackfg.solver.variance_components import noise_ratios

@@ -1,12 +1,12 @@
-"""The likelihood of a walk of the wheel's scale, with the states integrated out.
+"""What the data say of a wheel's scale that walks or changes, with the states integrated out.
 
 With whitened rows A, b at the solution and the step d that solves them (Laplace; MacKay, "Bayesian interpolation",
 Neural Computation 4, 1992),
 
     log L(q) = |R d|^2 / 2 - |b|^2 / 2 - sum of log sigma - log det R,   R' R = A' A,
 
-one elimination for each q. The tach has its convex loss there: the switches of a wrong explanation must not speak for
-it.
+one elimination for each q. The joint posterior of changes at some places, less what a wide prior says of them, is what
+the data say. The tach has its convex loss in both: the switches of a wrong explanation must not speak for it.
 """
 
 from __future__ import annotations
@@ -21,12 +21,17 @@ from trackfg.factors.family import Family
 from trackfg.factors.imu import InertialFactors
 from trackfg.factors.linear import LinearFactors
 from trackfg.factors.odometry import ANY_DISTANCE_SD_M, MOST_CREEP
-from trackfg.factors.states import States
+from trackfg.factors.states import KEYFRAME_DIM, SHARED_DIM, Kind, Odo, States, offset_in_keyframe
+from trackfg.numerics.arrays import Array
+from trackfg.solver.covariance import Functions, joint_covariance, posterior_covariance
 from trackfg.solver.elimination import eliminate
 from trackfg.solver.square_root import SquareRoot
 
 CLEARLY = 3.0
 """A walk is likelier if its log likelihood is larger by more than this: odds of 20 to 1."""
+
+_ANY_CHANGE_SD = 0.05
+"""Sigma of a change of the scale while nothing is known of it: what the data say is less what this says."""
 
 _NOISE_SIGMAS = 3.0
 """What else than creep an interval of the wheel may be off by, in its sigmas."""
@@ -56,6 +61,22 @@ class ScaleEvidence:
         root = eliminate([*self.rows, linear], len(self.states))
         at_solution = 0.5 * sum(float(np.sum(part.b**2)) for part in (*self.rows, linear))
         return 0.5 * root.length**2 - at_solution - float(np.log(chain.sigma).sum()) - _log_determinant(root)
+
+    def on_changes(self, chain: Family, edges: np.ndarray) -> tuple[Array, Array]:
+        """Return the information (c, c) of all rows on changes of the scale, and its product with their estimate (c,).
+
+        They are at ``edges`` (c,), factors of the ``chain``, and in between the scale walks as the chain says.
+        """
+        sigma = chain.sigma.copy()
+        sigma[edges, 1] = _ANY_CHANGE_SD
+        root = eliminate([*self.rows, chain.with_sigma(sigma).linearize(self.states)], len(self.states))
+        keyframe, scale = chain.slots[0].index[edges], offset_in_keyframe(Kind.ODO) + Odo.SCALE
+        end = np.zeros((len(edges), KEYFRAME_DIM))
+        end[:, scale] = 1.0
+        change = Functions(keyframe, -end, end, np.zeros((len(edges), SHARED_DIM)))
+        estimate = np.diff(self.states.odo.scale + root.solution().keyframes[:, scale])[keyframe]
+        precision = np.linalg.inv(joint_covariance(root, change, posterior_covariance(root)).matrix)
+        return precision - np.eye(len(edges)) / _ANY_CHANGE_SD**2, precision @ estimate
 
 
 def _without_slips(tach: Family, states: States) -> Family:

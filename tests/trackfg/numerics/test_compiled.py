@@ -94,7 +94,7 @@ _GROUPS, _NO_BIAS = np.array([0, 2, 5]), np.zeros(3)
 _COMPRESSED = (*_SAMPLES, _GROUPS, _NO_BIAS, np.zeros(2), np.zeros((2, 3)), np.zeros((2, 3)))
 _TURNED = (*_SAMPLES[:2], _GROUPS, _NO_BIAS, np.arange(6.0), 1e-3, *np.zeros((3, 2, 3, 3)))
 _AROUND = (np.array([0.02, 0.03]), 0.01, _SAMPLES[0], _SAMPLES[1], np.zeros((2, 3)))
-_DIMENSIONS = {"bias": 6, "odo": 4, "mount": 5, "clock": 3, "imu": 26, "wheel": 5}
+_DIMENSIONS = {"bias": 6, "odo": 4, "mount": 5, "clock": 3, "imu": 29, "wheel": 5}
 
 
 def _values(keyframes: int) -> tuple[Array, ...]:
@@ -111,7 +111,7 @@ _PATH = (
     (*np.tile(np.eye(3), (3, 2, 1, 1)), *np.ones((2, 2, 3))),
     np.ones((2, 2)),
     1.0,
-    np.zeros((2, 2, 50)),
+    np.zeros((2, 2, 53)),
 )
 _DIM = 9 + sum(_DIMENSIONS.values()) + 2
 _PAST = (
@@ -126,10 +126,10 @@ _PAST = (
     np.zeros((7, _DIM + 1)),
 )
 _CHAIN = (np.ones(4), np.full((2, 2), 0.5), 1.0, 30.0, 1.0, np.zeros(4))
-_STEP = np.full((3, 19), 0.1), np.full(39, 0.1)
+_STEP = np.full((3, 19), 0.1), np.full(42, 0.1)
 _RETRACTED = (_values(3), *_STEP, True, _values(3))
 _STEPPED = (_values(3), _values(3), *_STEP)
-_QUANTITIES = (np.tile(np.eye(3), (3, 1, 1)), np.ones((3, 3)), np.zeros(5), np.ones(3), np.zeros((3, 8, 58)))
+_QUANTITIES = (np.tile(np.eye(3), (3, 1, 1)), np.ones((3, 3)), np.zeros(5), np.ones(3), np.zeros((3, 8, 61)))
 _NOISE = (
     np.arange(4.0),
     np.arange(3.0),

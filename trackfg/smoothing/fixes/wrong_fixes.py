@@ -20,7 +20,7 @@ from trackfg.graph.fix_consensus import WIDE_SHARE, Consensus, Passages, consens
 from trackfg.numerics.arrays import Array
 from trackfg.recording.findings import Finding
 from trackfg.results.verdict import Doubt
-from trackfg.smoothing.fix_level import fix_level
+from trackfg.smoothing.fixes.fix_level import fix_level
 from trackfg.smoothing.reassessment import Reassessment, SolvedRun, others_are_worse
 from trackfg.solver.leave_one_out import left_out
 

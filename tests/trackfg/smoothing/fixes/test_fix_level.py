@@ -9,7 +9,7 @@ import pytest
 
 from trackfg.datasets.scenarios import scenario, simulate
 from trackfg.datasets.sensors.positioning import BaliseModel
-from trackfg.smoothing.fix_level import fix_level
+from trackfg.smoothing.fixes.fix_level import fix_level
 from trackfg.smoothing.smoother import smooth
 
 

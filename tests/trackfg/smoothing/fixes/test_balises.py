@@ -19,7 +19,7 @@ from trackfg.output.own_passages import own_passages
 from trackfg.recording.description import Balises
 from trackfg.recording.model import Recording
 from trackfg.results.result import OPTIONAL_FILES, Result
-from trackfg.smoothing.balise_fixes import with_balise_fixes
+from trackfg.smoothing.fixes.balise_fixes import with_balise_fixes
 from trackfg.smoothing.smoother import smooth, smooth_states
 
 COUNT, READING_SD, PLANNED_SD = 40, 0.1, 0.2

@@ -1,0 +1,79 @@
+"""Places where the scale changes, found among all: few, by how much, and how unsure."""
+
+from __future__ import annotations
+
+from itertools import combinations
+
+import numpy as np
+import pytest
+
+from trackfg.numerics.arrays import Array
+from trackfg.solver.scale_changes import scale_changes
+
+SD = 1e-3
+
+
+def measured(changes: Array, *, sd: float = SD, seed: int | None = 0) -> tuple[Array, Array]:
+    """What distances over the cells between edges say of the changes at them: the sum of those before, with noise."""
+    count = len(changes)
+    design = np.tril(np.ones((count, count))) / sd
+    noise = 0.0 if seed is None else np.random.default_rng(seed).standard_normal(count)
+    return design.T @ design, design.T @ (design @ changes + noise)
+
+
+def test_a_change_that_the_data_determine_is_where_it_was() -> None:
+    changes = np.zeros(12)
+    changes[5] = 0.01
+    found = scale_changes(*measured(changes))
+    assert found.log_odds > 10.0
+    assert np.sqrt(found.variance[5]) == pytest.approx(0.01, rel=0.1)
+    assert np.sqrt(np.delete(found.variance, 5)).max() < 1e-3
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_a_constant_scale_changes_nowhere(seed: int) -> None:
+    found = scale_changes(*measured(np.zeros(40), seed=seed))
+    assert found.log_odds < 3.0
+    assert np.sqrt(found.variance.sum()) < 1e-3
+
+
+def test_creep_has_its_begin_and_its_end() -> None:
+    changes = np.zeros(40)
+    changes[13], changes[27] = 0.01, -0.01
+    found = scale_changes(*measured(changes))
+    np.testing.assert_allclose(np.sqrt(found.variance[[13, 27]]), 0.01, rtol=0.1)
+    assert np.sqrt(np.delete(found.variance, [13, 27])).max() < 1e-3
+
+
+def test_places_that_the_data_do_not_distinguish_share_the_change() -> None:
+    """One distance after three edges: the change was at one of them, and may have been at each."""
+    design = np.array([[0.0, 1.0, 1.0, 1.0, 0.0]]) / 1e-4
+    information = design.T @ design
+    found = scale_changes(information, information @ np.array([0.0, 0.01, 0.0, 0.0, 0.0]))
+    np.testing.assert_allclose(found.variance[1:4], found.variance[2], rtol=1e-6)
+    assert 0.01**2 < found.variance[1:4].sum() < 1.5 * 0.01**2  # creep that ceases is measured in part
+
+
+def test_no_edges_have_no_changes() -> None:
+    found = scale_changes(np.zeros((0, 0)), np.zeros(0))
+    assert found.log_odds == -np.inf
+    assert found.variance.shape == (0,)
+
+
+def test_a_single_effect_has_its_exact_posterior() -> None:
+    """With data so weak that a second effect has no weight, the odds are the sum over all places, kinds and sigmas."""
+    information, linear = measured(np.array([0.0, 3e-3, 0.0, -3e-3]), sd=3e-3)
+    effects = [np.eye(4)[i] for i in range(4)]
+    pairs = [np.eye(4)[i] - np.eye(4)[j] for i, j in combinations(range(4), 2)]
+    weight, second = 0.0, np.zeros(4)
+    for kind in (effects, pairs):
+        for effect in kind:
+            own, left = effect @ information @ effect, effect @ linear
+            for variance in np.square([1e-3, 3e-3, 1e-2, 2e-2]):
+                shrunk = variance / (1.0 + variance * own)
+                factor = np.exp(0.5 * left**2 * shrunk) / np.sqrt(1.0 + variance * own) / (8.0 * len(kind))
+                weight += factor
+                second += factor * effect**2 * (shrunk + (shrunk * left) ** 2)
+    found = scale_changes(information, linear)
+    assert found.log_odds == pytest.approx(np.log(weight), abs=0.5)
+    assert (found.variance > 0.5 * second / (1.0 + weight)).all()
