@@ -47,6 +47,10 @@ _REACH_S = 3.0
 """Offsets are sought as far as this, s; receivers on serial lines are late by up to 2 s."""
 _LAG_S = 0.05
 """Step of the offsets, s; a parabola refines the best."""
+_RISE = 2.0
+"""Rise of the cost on both sides of the least between which a parabola stands for it: that at two sigmas. Errors that
+last for seconds make the cost uneven from one lag to the next.
+"""
 
 _FEWEST_WINDOWS = 3
 """A sigma from fewer is none."""
@@ -127,16 +131,22 @@ def _cost(lags: Array, t: Array, z: Array, edges: Array, columns: Sequence[Array
 
 
 def _best(lags: Array, costs: Array) -> GnssClock | None:
-    """Return the least of the sum of costs (windows, lags), with its sigma; None at an end of the lags."""
+    """Return the least of the sum of costs (windows, lags), with its sigma; None where it has not risen at both ends of
+    the lags.
+    """
     total = costs.sum(axis=0)
     best = int(np.argmin(total))
-    if best in (0, len(lags) - 1):
+    reach = np.arange(1, min(best, len(lags) - 1 - best) + 1)
+    wide = reach[np.minimum(total[best - reach], total[best + reach]) - total[best] > _RISE]
+    if not len(wide):
         return None
-    around = costs[:, best - 1 : best + 2]
-    bend = (around[:, 0] - 2.0 * around[:, 1] + around[:, 2]) / _LAG_S**2
+    apart_s = wide[0] * _LAG_S
+    around = costs[:, best + wide[0] * np.array([-1, 0, 1])]
+    bend = (around[:, 0] - 2.0 * around[:, 1] + around[:, 2]) / apart_s**2
     curvature = float(bend.sum())
-    offset = -0.5 * float(total[best + 1] - total[best - 1]) / _LAG_S / curvature
-    slope = 0.5 * (around[:, 2] - around[:, 0]) / _LAG_S + bend * offset
+    slope = 0.5 * (around[:, 2] - around[:, 0]) / apart_s
+    offset = -float(slope.sum()) / curvature
+    slope += bend * offset
     # So few windows show their scatter badly: three sigmas shall be as unlikely as they are of a normal variable.
     few = float(stdtrit(len(costs) - 1, ndtr(3.0)) / 3.0)
     return GnssClock(float(lags[best]) + offset, few * float(np.sqrt(np.sum(slope**2)) / curvature))

@@ -60,6 +60,24 @@ def test_the_offset_is_found_with_its_sigma(offset_s: float, simulated: Callable
     assert np.sqrt(np.mean(np.square(errors))) < 2.5
 
 
+def test_errors_that_last_are_no_offset(simulated: Callable[..., Simulation]) -> None:
+    """Errors of 6 m for 10 s make the cost uneven from one lag to the next, and its bend there no measure of sigma."""
+    recording = simulated("mainline-gnss", seed=3, duration_s=400.0).recording
+    assert recording.gnss is not None
+    measured = recording.gnss[["east_m", "north_m"]]
+    off = []
+    for seed in range(40):
+        rng = np.random.default_rng(seed)
+        lasting = np.zeros(measured.shape)
+        for k in range(len(lasting)):
+            lasting[k] = np.exp(-0.1) * lasting[k - 1] + 2.55 * rng.standard_normal(2)
+        moved = measured + lasting + 1.8 * rng.standard_normal(measured.shape)
+        clock = gnss_clock(replace(recording, gnss=recording.gnss.assign(**moved)))
+        assert clock is not None
+        off.append(clock.offset_s / clock.sd_s)
+    assert np.max(np.abs(off)) < 4.0
+
+
 @pytest.mark.parametrize(("ahead_m", "declared"), [(6.0, True), (6.0, False), (-6.0, False), (12.0, False)])
 def test_an_antenna_ahead_is_no_clock_that_is_early(
     ahead_m: float, declared: bool, simulated: Callable[..., Simulation]

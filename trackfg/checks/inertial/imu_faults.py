@@ -107,7 +107,7 @@ class ImuFaultDetector:
             wild = np.abs(sensed[:, 1:] - self.centre) > self.limit
             odd = np.asarray(wild.any(axis=1))
             if self.far or odd.any():
-                count = self._until_believed(sensed, odd)
+                count = self._until_accepted(sensed, odd)
                 sensed, wild, odd = sensed[:count], wild[:count], odd[:count]
             part, rows = rows[:count], rows[count:]
             if odd.any():
@@ -159,18 +159,18 @@ class ImuFaultDetector:
         in_order = np.argsort(bad.argmax(axis=0), kind="stable")
         return ImuFault(code, t, tuple(self.columns[c] for c in in_order if bad[:, c].any()))
 
-    def _until_believed(self, sensed: Array, odd: np.ndarray) -> int:
+    def _until_accepted(self, sensed: Array, odd: np.ndarray) -> int:
         """Count in :attr:`far` the ``odd`` ones of rows (n,), which are far beyond; each other row takes one back.
 
         Return the number of rows up to the one with which values that are far beyond are accepted, or of all.
         """
         total = self.far + np.cumsum(np.where(odd, 1, -1))
         far = total - np.minimum(np.minimum.accumulate(total), 0)
-        believed = odd & (far * (self.statistics.interval_s or 0.0) > _BELIEVED_S)
-        if not believed.any():
+        accepted = odd & (far * (self.statistics.interval_s or 0.0) > _BELIEVED_S)
+        if not accepted.any():
             self.far = int(far[-1])
             return len(odd)
-        last = int(believed.argmax())
+        last = int(accepted.argmax())
         furthest = np.abs(sensed[last, 1:] - self.centre)
         self.statistics.furthest = np.maximum(self.statistics.furthest, np.minimum(furthest, self.possible))
         self.far = 0

@@ -52,9 +52,9 @@ class Conversion:
                 t, *columns = rows.T
                 converted = np.column_stack([t, *self._converters[name](t, columns)])
                 if format_of(parts[name]).may_be_silent:
-                    says = np.isfinite(converted).all(axis=1)
-                    report.lose("silent", name, t[~says])
-                    converted = converted[says]
+                    measures = np.isfinite(converted).all(axis=1)
+                    report.lose("silent", name, t[~measures])
+                    converted = converted[measures]
                 tables[name] = converted
         states = ((name, converter.state()) for name, converter in self._converters.items())
         self.carried = {name: json.dumps(state) for name, state in states if state is not None}
