@@ -18,8 +18,12 @@ from trackfg.numerics.rotations import so3_exp, so3_log
 from trackfg.recording.description import ImuNoise
 from trackfg.sensors.imu_intervals import compress, increment_starts
 
-INCREMENT_S = 0.02
-"""What GTSAM preintegrates at a time; finer samples are compressed exactly first."""
+_INCREMENT_S, _INCREMENT_M = 0.02, 0.4
+"""What GTSAM preintegrates at a time, s, and at speed m: finer samples are compressed first, exactly but for the way
+within an increment, where the force counts as constant. Of the way of a wave this leaves out
+``(2 pi increment / wave)^2 / 12``: 6 % of the shortest one of the track's level and alignment, 3 m, and 2 % of 5 m. At
+80 m/s, increments of 20 ms passed for 4 % of a gyro's scale.
+"""
 
 _AT_A_TIME = 400
 """Intervals whose samples are compressed together: what is needed on the way stays small."""
@@ -44,7 +48,7 @@ def preintegrated(inputs: GraphInputs, states: States, speedless: bool) -> tuple
     turning = earth + transport_rate(velocity)
     weight = gravity + np.sum(velocity[:, :2] ** 2, axis=1) / EARTH_RADIUS
 
-    starts, first = increment_starts(inputs.data, inputs.edges, INCREMENT_S)
+    starts, first = increment_starts(inputs.data, inputs.edges, increment_s(states.nav.v[:-1]))
     bridged = inputs.data.bridged[inputs.edges[:-1]]
     count = len(starts) - 1
     duration, rotation, velocity = np.empty(count), np.empty((count, 3)), np.empty((count, 3))
@@ -64,6 +68,12 @@ def preintegrated(inputs: GraphInputs, states: States, speedless: bool) -> tuple
         )
         for k, (a, b) in enumerate(pairwise(first.tolist()))
     )
+
+
+def increment_s(velocity: Array) -> Array:
+    """Return the longest duration of an increment at velocities (n, 3), m/s. Shape (n,), s."""
+    speed = np.linalg.norm(velocity, axis=1)
+    return np.asarray(np.minimum(_INCREMENT_S, _INCREMENT_M / np.maximum(speed, 1e-9)))
 
 
 def own_bias_walk(inputs: GraphInputs) -> Family:

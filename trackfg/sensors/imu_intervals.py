@@ -278,24 +278,24 @@ def turning(data: Intervals, keyframes: np.ndarray, gyro_bias: Array, distance: 
     return Turning(end, mean, np.add.reduceat(R, start) + at_end * end)
 
 
-def samples_per_increment(data: Intervals, duration: float) -> int:
-    """Return how many samples are in an increment of at most ``duration`` s: at least one."""
-    return max(1, int(duration / data.usual_duration + 1e-6))
+def samples_per_increment(data: Intervals, duration: float | Array) -> np.ndarray:
+    """Return how many samples are in increments of at most ``duration`` s, of the same shape: at least one."""
+    return np.maximum(1, np.asarray(duration / data.usual_duration + 1e-6).astype(np.int64))
 
 
 def increment_starts(
-    data: Intervals, edges: np.ndarray, duration: float, times: Array | None = None
+    data: Intervals, edges: np.ndarray, duration: float | Array, times: Array | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Split each keyframe interval into increments of at most ``duration`` s (but at least a sample each), with
-    boundaries on both sides of each of ``times``.
+    """Split each keyframe interval into increments of at most ``duration`` s, of all or of each interval (n - 1,), but
+    at least a sample each, with boundaries on both sides of each of ``times``.
 
     Returns the increments' starts as indices into ``data.edges``, with the last end appended, and for each keyframe the
     position of its first increment in that list.
     """
-    group = samples_per_increment(data, duration)
+    group = np.broadcast_to(samples_per_increment(data, duration), len(edges) - 1)
     counts = -(-np.diff(edges) // group)
     offset = np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)
-    starts = np.append(np.repeat(edges[:-1], counts) + group * offset, edges[-1])
+    starts = np.append(np.repeat(edges[:-1], counts) + np.repeat(group, counts) * offset, edges[-1])
     if times is not None:
         lower = np.clip(np.searchsorted(data.edges, times + 1e-9, side="right") - 1, 0, len(data))
         upper = np.minimum(lower + 1, len(data))

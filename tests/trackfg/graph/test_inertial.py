@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from trackfg.config import SmoothConfig
@@ -12,9 +14,10 @@ from trackfg.datasets.scenarios import Simulation
 from trackfg.factors.bias import response_terms
 from trackfg.factors.states import Kind, Nav
 from trackfg.graph.build import Problem, build_problem
-from trackfg.graph.inertial import response_of_motion
+from trackfg.graph.inertial import increment_s, response_of_motion
 from trackfg.numerics.geodesy import EARTH_RADIUS
 from trackfg.numerics.rotations import so3_exp
+from trackfg.recording.model import IMU_COLUMNS, Recording
 
 
 @pytest.fixture(scope="module")
@@ -60,3 +63,33 @@ def test_the_motion_in_a_curve_has_a_force_to_the_inside_and_gravity() -> None:
     expected = response_terms(*(np.tile(mean, (4, 1)) for mean in motion), middle, v * middle[:, :, 0])
     np.testing.assert_allclose(response[:-1], expected, atol=1e-4, rtol=1e-4)
     np.testing.assert_array_equal(response[-1], 0.0)
+
+
+def test_increments_are_short_where_the_vehicle_is_fast() -> None:
+    speeds = np.array([0.0, 10.0, 40.0, 80.0])
+    np.testing.assert_allclose(increment_s(speeds[:, None] * [0.6, 0.8, 0.0]), [0.02, 0.02, 0.01, 0.005])
+
+
+def test_the_way_over_short_waves_is_that_of_the_wave(simulated: Callable[..., Simulation]) -> None:
+    """At 80 m/s a wave of 5 m is one of 16 Hz, of which an increment of 20 ms is a third."""
+    template = simulated("mainline", seed=2, duration_s=40.0).recording
+    amplitude, frequency, h, speed = 2e-3, 2.0 * np.pi * 16.0, 0.005, 80.0
+
+    def driven(amplitude_m: float) -> Recording:
+        """It goes straight on and up and down; a sample is the mean of the force over its interval."""
+        t = np.arange(0.0, 20.0, h)
+        force = amplitude_m * frequency * np.diff(np.cos(frequency * np.append(t, 20.0))) / h
+        noise = 1e-3 * np.random.default_rng(1).standard_normal((len(t), len(IMU_COLUMNS)))
+        imu = pd.DataFrame(noise, columns=list(IMU_COLUMNS)).assign(t_s=t + 0.5 * h)
+        imu["fz_mps2"] += 9.81 + force
+        return replace(template, imu=imu, tach=pd.DataFrame({"t_s": t, "distance_m": speed * t}), fixes=None)
+
+    wavy, even = (build_problem(driven(a), SmoothConfig()) for a in (amplitude, 0.0))
+    np.testing.assert_array_equal(wavy.t, even.t)
+    rising = amplitude * frequency * np.cos(frequency * wavy.t)
+    up = []
+    for problem, climb in ((wavy, rising), (even, 0.0 * rising)):
+        begins = [Nav(np.eye(3)[None], np.zeros((1, 3)), np.array([[speed, 0.0, w]])) for w in climb[:-1]]
+        ends = [one.predicted(nav, np.zeros(6)) for one, nav in zip(problem.measured, begins, strict=True)]
+        up.append(np.array([end.p[0, 2] for end in ends]))
+    np.testing.assert_allclose(up[0] - up[1], np.diff(amplitude * np.sin(frequency * wavy.t)), atol=0.05 * amplitude)

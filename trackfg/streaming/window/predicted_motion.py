@@ -13,7 +13,7 @@ import numpy as np
 
 from trackfg.factors.imu import Preintegration, PreintegrationNoise
 from trackfg.factors.states import Kind, Nav, States
-from trackfg.graph.inertial import INCREMENT_S, preintegrated
+from trackfg.graph.inertial import increment_s, preintegrated
 from trackfg.graph.inputs import RATE_WINDOW_S, GraphInputs, declared_noise
 from trackfg.graph.motion import turned
 from trackfg.graph.wheel_slip import Rolling
@@ -88,7 +88,7 @@ def _by_kernel(
 
     t, gyro, accel = map(kernel_argument, (data.edges, data.gyro, data.accel))
     begin, end = edges.tolist()
-    group = samples_per_increment(data, INCREMENT_S)
+    group = int(samples_per_increment(data, increment_s(newest.nav.v))[0])
     count = -(-(end - begin) // group)
     means, response, noise = np.empty((3, 3)), np.empty((6, Kind.IMU.dim)), np.empty((2, 6))
     increments, frame, delta, state = np.empty(7 * count), np.empty(4), np.empty(compiled.DELTA_SIZE), np.empty(15)
