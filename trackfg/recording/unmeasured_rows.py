@@ -11,8 +11,9 @@ from trackfg.recording.interpolated_rows import interpolated_rows
 from trackfg.recording.model import GNSS_COLUMNS, GNSS_SPEED_COLUMNS, GNSS_SPEED_TABLE, Recording
 from trackfg.recording.receiver_epochs import held_rows
 
-_CODES = {"gnss": "gnss", GNSS_SPEED_TABLE: "gnss-speed"}
-"""What the codes of the findings begin with, by table."""
+_HELD = {"gnss": "gnss-held", GNSS_SPEED_TABLE: "gnss-speed-held"}
+_INTERPOLATED = {"gnss": "gnss-interpolated", GNSS_SPEED_TABLE: "gnss-speed-interpolated"}
+"""Codes of the findings, by table."""
 
 
 class UnmeasuredRows(NamedTuple):
@@ -62,19 +63,19 @@ def held_in(recording: Recording) -> dict[str, np.ndarray]:
 def _held(name: str, rows: np.ndarray) -> UnmeasuredRows:
     message = "hold values of a row before, while the vehicle goes on"
     hint = "leave out rows that are as the one before, as trackfg import does; only one of them is a measurement"
-    return _warning(name, rows, "held", message, hint)
+    return _warning(name, rows, _HELD[name], message, hint)
 
 
 def _interpolated(name: str, rows: np.ndarray) -> UnmeasuredRows:
     message = "are interpolated, on straight lines between the receiver's measurements"
     hint = "write the receiver's own rows, or leave out those between them, as trackfg import does"
-    return _warning(name, rows, "interpolated", message, hint)
+    return _warning(name, rows, _INTERPOLATED[name], message, hint)
 
 
-def _warning(name: str, rows: np.ndarray, what: str, message: str, hint: str) -> UnmeasuredRows:
+def _warning(name: str, rows: np.ndarray, code: str, message: str, hint: str) -> UnmeasuredRows:
     finding = Finding(
         "warning",
-        f"{_CODES[name]}-{what}",
+        code,
         f"{np.count_nonzero(rows)} of {len(rows)} rows {message}",
         file="recording.toml",
         column=f"{name}.file",

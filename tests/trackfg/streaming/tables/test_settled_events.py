@@ -133,7 +133,7 @@ def test_gnss_outliers_are_runs(stream: Callable[..., Any]) -> None:
 def test_a_tach_that_is_stuck_for_long_is_reported_in_parts(
     stream: Callable[..., Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("trackfg.streaming.tables.settled_events.LONGEST_S", 15.0)
+    monkeypatch.setattr("trackfg.streaming.tables.settled_events.LONGEST_S", 10.0)  # and up to a pass more
     recording = simulate("mainline-gnss", seed=2, duration_s=120.0).recording
     assert recording.tach is not None
     tach = recording.tach.copy()
