@@ -37,9 +37,8 @@ def interpolated_rows(t: Array, measured: Array) -> np.ndarray:
     none = np.zeros(len(t), dtype=bool)
     if len(t) < 2 * _FEWEST_BENDS or (step_s := median_interval(t)) is None:
         return none
-    off = np.zeros(len(t))
-    share = ((t[1:-1] - t[:-2]) / (t[2:] - t[:-2]))[:, None]
-    off[1:-1] = np.linalg.norm(measured[1:-1] - measured[:-2] - share * (measured[2:] - measured[:-2]), axis=1)
+    off, row = np.zeros(len(t)), np.arange(1, len(t) - 1)
+    off[row] = _off_straight(t, measured, row - 1, row, row + 1)
     rounding = max(_ROUNDING * float(np.quantile(off, _STRAIGHT)), _LEAST)
     bends = off > rounding
     first = np.flatnonzero(bends & ~np.append(False, bends[:-1]))
@@ -52,10 +51,8 @@ def interpolated_rows(t: Array, measured: Array) -> np.ndarray:
     if np.count_nonzero(moving) < _FEWEST_BENDS:
         return none
     interval_s = float(np.median(apart_s[moving]))
-    a, b = last[:-1] + 1, first[1:] - 1
-    middle = (a + b) // 2
-    share = ((t[middle] - t[a]) / np.where(b > a, t[b] - t[a], 1.0))[:, None]
-    chord = np.linalg.norm(measured[middle] - measured[a] - share * (measured[b] - measured[a]), axis=1)
+    begin, end = last[:-1] + 1, first[1:] - 1
+    chord = _off_straight(t, measured, begin, (begin + end) // 2, end)
     usual = (np.abs(apart_s - interval_s) < LONGER * step_s) & (last - first <= 1)[1:] & (chord <= rounding)
     if interval_s < 2.0 * LONGER * step_s or np.mean(usual[moving]) < _REGULAR:
         return none
@@ -68,6 +65,13 @@ def interpolated_rows(t: Array, measured: Array) -> np.ndarray:
         again = np.arange(t[knots[i]] + interval_s, t[knots[i + 1]] - 0.5 * interval_s, interval_s)
         left_out[np.searchsorted(t, again)] = False
     return left_out
+
+
+def _off_straight(t: Array, measured: Array, begin: np.ndarray, row: np.ndarray, end: np.ndarray) -> Array:
+    """Return how far values in rows (m,) are from the straights between those of ``begin`` and of ``end``."""
+    share = ((t[row] - t[begin]) / np.where(end > begin, t[end] - t[begin], 1.0))[:, None]
+    off = measured[row] - measured[begin] - share * (measured[end] - measured[begin])
+    return np.asarray(np.linalg.norm(off, axis=1))
 
 
 def _moving(measured: Array, apart_s: Array) -> np.ndarray:

@@ -41,7 +41,7 @@ def unmeasured_in(recording: Recording) -> dict[str, UnmeasuredRows]:
 
 
 def held_in(recording: Recording) -> dict[str, np.ndarray]:
-    """Return which rows of a receiver's tables hold values of a row before, by table; none where there are no such.
+    """Return which rows of a receiver's tables repeat the values of an earlier row, by table that has such rows.
 
     Speeds at the times of the positions are held as these are, unless they change by themselves.
     """
@@ -61,8 +61,8 @@ def held_in(recording: Recording) -> dict[str, np.ndarray]:
 
 
 def _held(name: str, rows: np.ndarray) -> UnmeasuredRows:
-    message = "hold values of a row before, while the vehicle goes on"
-    hint = "leave out rows that are as the one before, as trackfg import does; only one of them is a measurement"
+    message = "repeat the values of the row above while the vehicle moves"
+    hint = "leave out rows that repeat the one above, as trackfg import does; only the first of them is a measurement"
     return _warning(name, rows, _HELD[name], message, hint)
 
 

@@ -21,9 +21,8 @@ from trackfg.factors.family import Family
 from trackfg.factors.imu import InertialFactors
 from trackfg.factors.linear import LinearFactors
 from trackfg.factors.odometry import ANY_DISTANCE_SD_M, MOST_CREEP
-from trackfg.factors.states import KEYFRAME_DIM, SHARED_DIM, Kind, Odo, States, offset_in_keyframe
+from trackfg.factors.states import KEYFRAME_DIM, Kind, Odo, States, offset_in_keyframe
 from trackfg.numerics.arrays import Array
-from trackfg.solver.covariance import Functions, joint_covariance, posterior_covariance
 from trackfg.solver.elimination import eliminate
 from trackfg.solver.square_root import SquareRoot
 
@@ -71,11 +70,12 @@ class ScaleEvidence:
         sigma[edges, 1] = _ANY_CHANGE_SD
         root = eliminate([*self.rows, chain.with_sigma(sigma).linearize(self.states)], len(self.states))
         keyframe, scale = chain.slots[0].index[edges], offset_in_keyframe(Kind.ODO) + Odo.SCALE
-        end = np.zeros((len(edges), KEYFRAME_DIM))
-        end[:, scale] = 1.0
-        change = Functions(keyframe, -end, end, np.zeros((len(edges), SHARED_DIM)))
+        change, column = np.zeros((len(self.states), KEYFRAME_DIM, len(edges))), np.arange(len(edges))
+        change[keyframe, scale, column], change[keyframe + 1, scale, column] = -1.0, 1.0
+        keyframes, shared = root.forward_substituted(change)
+        parts = keyframes.reshape(len(keyframes) * KEYFRAME_DIM, len(edges)), root.shared_inverse.T @ shared
+        precision = np.linalg.inv(sum(part.T @ part for part in parts))
         estimate = np.diff(self.states.odo.scale + root.solution().keyframes[:, scale])[keyframe]
-        precision = np.linalg.inv(joint_covariance(root, change, posterior_covariance(root)).matrix)
         return precision - np.eye(len(edges)) / _ANY_CHANGE_SD**2, precision @ estimate
 
 

@@ -21,7 +21,7 @@ from trackfg.smoothing.smoother import smooth_states
 
 @pytest.fixture(scope="module")
 def recording() -> Recording:
-    """A recording of a sensor with much noise whose scales are right, which nobody knows: declared is 1 %."""
+    """A recording of a noisy sensor whose scale factors are exact; the declared sigma of its scale factors is 1 %."""
     plan = scenario("mainline")
     run = simulate(
         replace(plan, imu=replace(plan.imu, noise=LOW_COST, response=ImuResponse())), seed=3, duration_s=300.0

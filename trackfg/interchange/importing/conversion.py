@@ -236,7 +236,7 @@ def _part(sensor: MappedSensor, tables: Sequence[SourceTable], mapping: Mapping)
         part = replace(table, frame=table.frame.iloc[rows])
         t = times.since(times.first_ns)[rows]
         values = [column[rows] for column in measured]
-        for find, what in ((_held, "hold a value of a row before"), (_interpolated, "are interpolated")):
+        for find, what in ((_held, "repeat the values of the row above"), (_interpolated, "are interpolated")):
             if (left_out := rows[find(sensor, part, t, values, beside)]).size:
                 keep[left_out] = False
                 counted = f"{len(left_out)} of {len(rows)} rows {what}"
