@@ -39,7 +39,7 @@ def test_nothing_is_left_after_sigterm(tmp_path: Path) -> None:
     script = (
         "import time; from faults import main\n"
         "main.make_inputs = lambda folder: (print(folder, flush=True), time.sleep(60.0))\n"
-        "main._FOR_COMMANDS = main._OF_EXTRAS = ()\n"
+        "main.import_all = lambda: None\n"
         "main.main(['--entries', 'line'])"
     )
     environment = {**os.environ, "PYTHONPATH": str(TOOLS), "TMPDIR": str(tmp_path)}

@@ -34,7 +34,7 @@ RESOURCES = ("kill", "memory", "disk", "streams", "descriptors", "two writers", 
 KINDS = (*FAULTS, *(kind for kind in RESOURCES if kind != "rights" or os.geteuid() == 0))
 BY_NAME = {entry.name: entry for entry in ENTRIES}
 _DOCUMENTED = (0, 1, 2, 3)
-_STARTED = 0.25
+_STARTED = 0.1
 """Share of the cases about streams and open files in which an interpreter is started: others are forks of this one."""
 _PYTHONS_OWN = 4
 """Open files without which Python itself does not start: 3.11 needs 2 besides the standard streams."""

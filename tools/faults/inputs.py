@@ -18,10 +18,13 @@ from interchange import foreign_forms
 from faults.entries import ENTRIES
 from faults.runner import Conditions, run
 from trackfg.datasets.scenarios import Scenario, Simulation, scenario, simulate
+from trackfg.datasets.vehicle.driving import Service
 from trackfg.io.reader import read_recording
 from trackfg.streaming.rows import raw_columns
 
-DURATION_S = 40.0
+REST_AT_START_S = 10.0
+"""Time that vehicles stand before they start, s: a stream begins after as long."""
+DURATION_S = 20.0
 """Length of the recordings, s: a standstill, a start and a piece of curved track."""
 RATE_HZ = 50.0
 """Rate of their inertial sensors, Hz: rows are what reading and checking take time for."""
@@ -29,7 +32,7 @@ FOREIGN_S = 15.0
 """Length of the logs of other systems, s."""
 REST_S, REST_RATE_HZ = 80.0, 20.0
 """Length and rate of a log at rest, s, Hz: `noise` asks for a minute."""
-MAPPED_S = 150.0
+MAPPED_S = 130.0
 """Length of the runs of the map, s: 1.4 km, which a second run is recognised on."""
 
 LINE = """format = "trackfg-line/1"
@@ -153,10 +156,10 @@ def make_inputs(folder: Path) -> None:
 def _recordings(folder: Path) -> None:
     """Write short recordings in every form."""
     simulate(_slow("mainline"), seed=2, duration_s=DURATION_S).write(folder / "rec")
-    simulate(_slow("measuring-car"), seed=2, duration_s=DURATION_S / 2.0).write(folder / "car")
+    simulate(_slow("measuring-car"), seed=2, duration_s=DURATION_S).write(folder / "car")
     made = simulate(_slow("mainline-gnss"), seed=0, duration_s=DURATION_S)
     made.write(folder / "gnss")
-    moving = simulate(_slow("no-stop"), seed=0, duration_s=DURATION_S / 2.0)
+    moving = simulate(_slow("no-stop"), seed=0, duration_s=DURATION_S)
     moving.write(folder / "passed")
     _pass_balises(moving, folder / "passed")
     _place_fixes(made, folder / "gnss")
@@ -167,9 +170,10 @@ def _recordings(folder: Path) -> None:
 
 
 def _slow(name: str) -> Scenario:
-    """Return a scenario with inertial sensors of few rows."""
+    """Return a scenario with inertial sensors of few rows, and a start after a short standstill."""
     plan = scenario(name)
-    return replace(plan, imu=replace(plan.imu, rate_hz=RATE_HZ))
+    driver = replace(plan.driver, start_rest_s=REST_AT_START_S) if isinstance(plan.driver, Service) else plan.driver
+    return replace(plan, driver=driver, imu=replace(plan.imu, rate_hz=RATE_HZ))
 
 
 def _begin_in_month(month: int, description: Path) -> None:

@@ -18,6 +18,7 @@ import codecs
 import gc
 import importlib
 import os
+import pkgutil
 import signal
 import sys
 import tempfile
@@ -31,6 +32,7 @@ from pathlib import Path
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy: threads do not survive a fork
 
+import trackfg
 from faults import server
 from faults.cases import BY_NAME, KINDS, Base, Case, Outcome, case_of, outcome, smallest
 from faults.database import SOUND
@@ -38,48 +40,31 @@ from faults.inputs import make_inputs, run_sound
 from trackfg.numerics.blas_threads import one_thread
 from trackfg.report.sources import write_report
 
-_FOR_COMMANDS = (
-    "trackfg.baselines.complementary",
-    "trackfg.cli.main",
-    "trackfg.cli.mapping.map_tables",
-    "trackfg.cli.tables",
-    "trackfg.comparison.run",
-    "trackfg.datasets.scenarios",
-    "trackfg.fleet.batch",
-    "trackfg.interchange.exporting.registry",
-    "trackfg.interchange.importing",
-    "trackfg.io.check",
-    "trackfg.mapping.changes.changes",
-    "trackfg.mapping.joining.build",
-    "trackfg.mapping.runs.balise_survey",
-    "trackfg.mapping.runs.run_overlay",
-    "trackfg.mapping.trends.trends",
-    "trackfg.plots.matplotlib_picture",
-    "trackfg.plots.plotly_page",
-    "trackfg.report",
-    "trackfg.report.result_page",
-    "trackfg.sensors.log_noise",
-    "trackfg.smoothing.smoother",
-    "trackfg.streaming.checkpoint.checkpoint",
-    "trackfg.streaming.run",
-    "trackfg.streaming.sinks.parquet_parts",
-    "trackfg.streaming.view.live_server",
+_OF_LIBRARIES = (
+    "asammdf",
+    "encodings.idna",
+    "h5py",
+    "matplotlib.backends.backend_agg",
+    "matplotlib.backends.backend_svg",
+    "mcap.reader",
+    "nptdms",
+    "psycopg",
+    "pyarrow.feather",
+    "pynmeagps",
+    "pyogrio.raw",
+    "pyproj",
+    "rich._emoji_codes",
+    "rosbags.highlevel",
     "sqlalchemy.dialects.sqlite",
 )
-"""What commands import: imported before any fork, so that no case takes time for it."""
-_OF_EXTRAS = ("asammdf", "h5py", "nptdms", "rosbags.highlevel", "mcap.reader", "psycopg", "pyogrio.raw", "pyproj")
-"""The same of libraries that need not be installed."""
+"""What commands import of libraries, some of which need not be installed, when they first need it."""
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the cases; the exit status is 1 if any ended otherwise than documented."""
     options = _parser().parse_args(arguments)
     signal.signal(signal.SIGTERM, _end)
-    for module in _FOR_COMMANDS:
-        importlib.import_module(module)
-    for module in _OF_EXTRAS:
-        with suppress(ImportError):
-            importlib.import_module(module)
+    import_all()
     for encoding in ("unicode-escape", "cp437"):  # another user may not be able to load them
         codecs.lookup(encoding)
     with ExitStack() as stack:
@@ -105,6 +90,15 @@ def main(arguments: Sequence[str] | None = None) -> None:
     if options.table:
         Path(options.table).write_text(table(ends, options.entries, options.faults))
     sys.exit(1 if failed else 0)
+
+
+def import_all() -> None:
+    """Import whatever commands import, before any fork: else each case takes time for it."""
+    of_trackfg = (module.name for module in pkgutil.walk_packages(trackfg.__path__, "trackfg."))
+    for module in chain(of_trackfg, _OF_LIBRARIES):
+        with suppress(ImportError):
+            if not module.endswith("__main__"):
+                importlib.import_module(module)
 
 
 def _end(number: int, frame: object) -> None:
