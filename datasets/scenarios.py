@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Literal, get_args
 
@@ -52,7 +53,6 @@ class Simulation(Outlined):
     ``truth`` has one row per ``1/truth_rate_hz`` from t = 0, the start of the IMU's first sample: ``t_s, chainage_m,
     east_m, north_m, up_m, speed_mps`` (along the x axis, negative backwards), ``roll_rad, pitch_rad, yaw_rad`` (not
     wrapped), ``wheel_scale`` (true over nominal distance), ``gyro_bias_{x,y,z}_radps, accel_bias_{x,y,z}_mps2``.
-    ``truth_geometry`` is the track's geometry where the run went (:mod:`trackfg.datasets.line.truth_geometry`).
     Constants of the run are fields; ``ride`` gives everything about the vehicle at any time, ``track`` about the track
     at any place.
 
@@ -68,9 +68,10 @@ class Simulation(Outlined):
 
     recording: Recording
     truth: pd.DataFrame
-    truth_geometry: pd.DataFrame
     track: SimulatedTrack
     ride: Ride
+    stretch_m: tuple[float, float]
+    """From where to where the run went: ``s`` along the track's line."""
     wheel_scale: float
     tach_time_offset_s: float
     mount_rpy_rad: Vector3
@@ -80,6 +81,17 @@ class Simulation(Outlined):
     """
     further_scales: Mapping[str, float] = field(default_factory=dict)
     """Of further sensors by the names of their tables: true distance or speed over the measured one."""
+
+    @cached_property
+    def truth_geometry(self) -> pd.DataFrame:
+        """Return the track's geometry where the run went (:mod:`trackfg.datasets.line.truth_geometry`)."""
+        return truth_geometry(
+            self.track,
+            chainage_origin_m=self.ride.chainage_origin_m,
+            direction=self.ride.direction,
+            s_from=self.stretch_m[0],
+            s_to=self.stretch_m[1],
+        )
 
     def write(self, folder: Path | str, table_format: Literal["parquet", "csv"] = "parquet") -> None:
         """Write recording and truth as a recording folder."""
@@ -200,15 +212,9 @@ def simulate(
     simulation = Simulation(
         recording=recording,
         truth=_truth(ride, t, odometer.worn_scale(ride, plan.tach, measured.wheel_scale, t), edges, measured.errors),
-        truth_geometry=truth_geometry(
-            track,
-            chainage_origin_m=ride.chainage_origin_m,
-            direction=ride.direction,
-            s_from=float(s.min()),
-            s_to=float(s.max()),
-        ),
         track=track,
         ride=ride,
+        stretch_m=(float(s.min()), float(s.max())),
         wheel_scale=measured.wheel_scale,
         tach_time_offset_s=_tach_time_offset_s(plan) if noise else 0.0,
         mount_rpy_rad=(0.0, 0.0, 0.0) if measured.errors is None else measured.errors.mount_rpy_rad,

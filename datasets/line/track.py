@@ -22,6 +22,7 @@ cross-level base, their running edges at half the gauge as it is there.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
@@ -53,32 +54,23 @@ class SimulatedTrack(Outlined):
 
     def rpy(self, s: Array) -> Array:
         """Return roll, pitch and yaw of the track, rad. Shape (...) to (..., 3)."""
-        forward, left, up = self.tangent(s)
-        pitch = -np.arctan2(up, np.hypot(forward, left))
-        yaw = self.line.yaw(s) + np.arctan2(left, forward)
-        return np.stack([np.arcsin(self._roll_sine(s)), pitch, yaw], axis=-1)
+        return _Places(self, s).rpy
 
     def rpy_slopes(self, s: Array) -> Array:
         """Return derivatives of :meth:`rpy` by ``s``, rad/m; at a kink of the line, those to its right. (...) to (...,
         3).
         """
-        forward, left, up = self.tangent(s)
-        d_forward, d_left, d_up = self._tangent_slopes(s)
-        flat = np.hypot(forward, left)
-        d_flat = (forward * d_forward + left * d_left) / flat
-        d_delta = (d_left * forward - left * d_forward) / flat**2
-        d_pitch = -(d_up * flat - up * d_flat) / (flat**2 + up**2)
-        d_roll = self._roll_sine(s, 1) / np.sqrt(1.0 - self._roll_sine(s) ** 2)
-        return np.stack([d_roll, d_pitch, self.line.curvature(s) + d_delta], axis=-1)
+        return _Places(self, s).rpy_slopes
 
     def cross_level(self, s: Array) -> Array:
         """Return height of the left rail over the right one on the cross-level base, m. Shape (...) to (...)."""
-        return np.asarray(self.line.cross_level_base_m * self._roll_sine(s))
+        return np.asarray(self.line.cross_level_base_m * _Places(self, s).roll_sine)
 
     def rail(self, s: Array, side: Side, line: Literal["top", "edge"] = "top") -> Array:
         """Return east, north and up of a rail's top or running edge, m. Shape (...) to (..., 3)."""
-        width = self.line.cross_level_base_m if line == "top" else self._gauge(s)[..., None]
-        return self.centre(s) + 0.5 * _SIGN[side] * width * _axle(*_columns(self.rpy(s)))
+        places = _Places(self, s)
+        width = self.line.cross_level_base_m if line == "top" else places.gauge[..., None]
+        return self.centre(s) + 0.5 * _SIGN[side] * width * _axle(*_columns(places.rpy))
 
     def heading_deviations(self, s: Array) -> Array:
         """Return how far the paths of the centre line, the left and the right running edge turn from the designed
@@ -86,41 +78,98 @@ class SimulatedTrack(Outlined):
 
         Positive to the left, rad; small, so that they can be integrated over any distance. Shape (...) to (..., 3).
         """
-        tangent = np.stack(self.tangent(s), axis=-1)
+        places = _Places(self, s)
+        tangent = np.stack(places.tangent, axis=-1)
         delta = np.arctan2(tangent[..., 1], tangent[..., 0])
-        roll, pitch, _ = _columns(self.rpy(s))
+        roll, pitch, _ = _columns(places.rpy)
         axle = _axle(roll, pitch, delta)
-        axle_slope = _axle_slope(roll, pitch, delta, self.rpy_slopes(s))
-        gauge, gauge_slope = self._gauge(s)[..., None], self.irregularities.at(s, 1)[..., 3, None]
+        axle_slope = _axle_slope(roll, pitch, delta, places.rpy_slopes)
+        gauge, gauge_slope = places.gauge[..., None], places.irregular_slopes[..., 3, None]
         half = 0.5 * (gauge_slope * axle + gauge * axle_slope)
         paths = np.stack([tangent, tangent + half, tangent - half], axis=-2)
         return np.asarray(np.arctan2(paths[..., 1], paths[..., 0]))
 
     def tangent(self, s: Array) -> tuple[Array, Array, Array]:
         """Return ``t``, the derivative of the centre line: forward, left, up of the designed heading. Shapes (...)."""
-        gamma = self.line.grade(s)
-        d_level, d_alignment, _, _ = _columns(self.irregularities.at(s, 1))
-        forward = np.cos(gamma) - self.irregularities.at(s)[..., 1] * self.line.curvature(s)
-        return forward, d_alignment, np.sin(gamma) + d_level
+        return _Places(self, s).tangent
 
     def reversed(self) -> SimulatedTrack:
         """Return the same track to who comes from its other end; its ENU has its origin there."""
         return SimulatedTrack(self.line.reversed(), self.irregularities.reversed(), self.gauge_m)
 
-    def _tangent_slopes(self, s: Array) -> tuple[Array, Array, Array]:
-        """Return derivatives of the components of :meth:`tangent`. Shapes (...)."""
-        gamma, d_gamma = self.line.grade(s), self.line.grade(s, 1)
-        alignment, d_alignment = self.irregularities.at(s)[..., 1], self.irregularities.at(s, 1)[..., 1]
-        dd_level, dd_alignment, _, _ = _columns(self.irregularities.at(s, 2))
-        bend = d_alignment * self.line.curvature(s) + alignment * self.line.curvature(s, 1)
+
+class _Places:
+    """A track at places ``s`` (...): irregularities, which take the most time, and what follows are evaluated once."""
+
+    def __init__(self, track: SimulatedTrack, s: Array) -> None:
+        self._track, self._s = track, s
+
+    @cached_property
+    def irregular(self) -> Array:
+        """Return level, alignment, cross-level and gauge off the designed ones, m. Shape (..., 4)."""
+        return self._track.irregularities.at(self._s)
+
+    @cached_property
+    def irregular_slopes(self) -> Array:
+        """Return the derivatives of :attr:`irregular` by ``s``, m/m. Shape (..., 4)."""
+        return self._track.irregularities.at(self._s, 1)
+
+    @cached_property
+    def tangent(self) -> tuple[Array, Array, Array]:
+        """Return the components of ``t``. Shapes (...)."""
+        d_level, d_alignment, _, _ = _columns(self.irregular_slopes)
+        forward = np.cos(self._gamma) - self.irregular[..., 1] * self._curvature
+        return forward, d_alignment, np.sin(self._gamma) + d_level
+
+    @cached_property
+    def roll_sine(self) -> Array:
+        """Return the sine of the roll. Shape (...)."""
+        line = self._track.line
+        return np.asarray((line.cant(self._s) + self.irregular[..., 2]) / line.cross_level_base_m)
+
+    @cached_property
+    def gauge(self) -> Array:
+        """Return the gauge as it is, m. Shape (...)."""
+        return np.asarray(self._track.gauge_m + self.irregular[..., 3])
+
+    @cached_property
+    def rpy(self) -> Array:
+        """Return roll, pitch and yaw, rad. Shape (..., 3)."""
+        forward, left, up = self.tangent
+        pitch = -np.arctan2(up, np.hypot(forward, left))
+        yaw = self._track.line.yaw(self._s) + np.arctan2(left, forward)
+        return np.stack([np.arcsin(self.roll_sine), pitch, yaw], axis=-1)
+
+    @cached_property
+    def rpy_slopes(self) -> Array:
+        """Return the derivatives of :attr:`rpy` by ``s``, rad/m. Shape (..., 3)."""
+        line = self._track.line
+        forward, left, up = self.tangent
+        d_forward, d_left, d_up = self._tangent_slopes()
+        flat = np.hypot(forward, left)
+        d_flat = (forward * d_forward + left * d_left) / flat
+        d_delta = (d_left * forward - left * d_forward) / flat**2
+        d_pitch = -(d_up * flat - up * d_flat) / (flat**2 + up**2)
+        d_roll_sine = (line.cant(self._s, 1) + self.irregular_slopes[..., 2]) / line.cross_level_base_m
+        d_roll = d_roll_sine / np.sqrt(1.0 - self.roll_sine**2)
+        return np.stack([d_roll, d_pitch, self._curvature + d_delta], axis=-1)
+
+    def _tangent_slopes(self) -> tuple[Array, Array, Array]:
+        """Return derivatives of the components of :attr:`tangent`. Shapes (...)."""
+        line, gamma = self._track.line, self._gamma
+        d_gamma = line.grade(self._s, 1)
+        alignment, d_alignment = self.irregular[..., 1], self.irregular_slopes[..., 1]
+        dd_level, dd_alignment, _, _ = _columns(self._track.irregularities.at(self._s, 2))
+        bend = d_alignment * self._curvature + alignment * line.curvature(self._s, 1)
         return -np.sin(gamma) * d_gamma - bend, dd_alignment, np.cos(gamma) * d_gamma + dd_level
 
-    def _roll_sine(self, s: Array, nu: int = 0) -> Array:
-        cross_level = self.line.cant(s, nu) + self.irregularities.at(s, nu)[..., 2]
-        return np.asarray(cross_level / self.line.cross_level_base_m)
+    @cached_property
+    def _gamma(self) -> Array:
+        return self._track.line.grade(self._s)
 
-    def _gauge(self, s: Array) -> Array:
-        return np.asarray(self.gauge_m + self.irregularities.at(s)[..., 3])
+    @cached_property
+    def _curvature(self) -> Array:
+        return self._track.line.curvature(self._s)
 
 
 def _columns(table: Array) -> Array:
