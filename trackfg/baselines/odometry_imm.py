@@ -113,13 +113,14 @@ def _filter(t: Array, wheel: Wheel, force: Array, p: OdometryParameters) -> Mode
     H[0, _W] = H[1, _A] = H[1, _B] = 1.0
     reading_sd = np.where(wheel.covers(t), wheel.rounding_sd, _NO_READING_SD)
     y = np.column_stack([rolled, force])
+    R = np.zeros((len(t), 2, 2))
+    R[:, 0, 0], R[:, 1, 1] = reading_sd**2, p.accel_sd**2
     observes = np.broadcast_to(H, (len(MODES), 2, 6))
 
     def step(k: int, x: Array, P: Array) -> ModeSteps:
-        predicted = np.einsum("mij,mj->mi", F, x) + mean
+        predicted = (F @ x[..., None])[..., 0] + mean
         spread = F @ P @ F.swapaxes(1, 2) + Q
-        R = np.diag([reading_sd[k] ** 2, p.accel_sd**2])
-        return measured(predicted, spread, y[k] - predicted @ H.T, observes, R)
+        return measured(predicted, spread, y[k] - predicted @ H.T, observes, R[k])
 
     start = np.zeros(6)
     start[_V] = wheel.rate(t[:1])[0]

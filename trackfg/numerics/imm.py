@@ -88,7 +88,8 @@ def interacting_multiple_models(
         share = transition * probability[:, None] / predicted
         mixed = share.T @ state
         off = state[:, None] - mixed
-        spread = np.einsum("ij,ija,ijb->jab", share, off, off) + np.einsum("ij,iab->jab", share, covariance)
+        apart = off.transpose(1, 2, 0) * share.T[:, None]
+        spread = apart @ off.swapaxes(0, 1) + (share.T @ covariance.reshape(modes, n * n)).reshape(modes, n, n)
         state, covariance, log_likelihood = step(k, mixed, spread)
         log_weight = log_likelihood + np.log(predicted)
         weight = np.exp(log_weight - log_weight.max())
@@ -103,7 +104,8 @@ def moments(probability: Array, state: Array, covariance: Array) -> tuple[Array,
     """Return mean (n,) and covariance (n, n) of the mixture, eq. 25."""
     mean = probability @ state
     off = state - mean
-    return mean, np.einsum("i,iab->ab", probability, covariance) + np.einsum("i,ia,ib->ab", probability, off, off)
+    within = (probability @ covariance.reshape(len(covariance), -1)).reshape(covariance.shape[1:])
+    return mean, within + (off.T * probability) @ off
 
 
 def measured(state: Array, covariance: Array, error: Array, H: Array, R: Array) -> ModeSteps:
@@ -114,12 +116,12 @@ def measured(state: Array, covariance: Array, error: Array, H: Array, R: Array) 
     """
     PHt = covariance @ H.swapaxes(1, 2)
     S = H @ PHt + R
-    K = np.linalg.solve(S, PHt.swapaxes(1, 2)).swapaxes(1, 2)
+    solved = np.linalg.solve(S, np.concatenate([PHt.swapaxes(1, 2), error[..., None]], axis=2))
+    K, whitened = solved[..., :-1].swapaxes(1, 2), solved[..., -1]
     rest = np.eye(state.shape[1]) - K @ H
-    whitened = np.linalg.solve(S, error[..., None])[..., 0]
     _, log_determinant = np.linalg.slogdet(2.0 * np.pi * S)
     return ModeSteps(
-        state=state + np.einsum("mij,mj->mi", K, error),
+        state=state + (K @ error[..., None])[..., 0],
         covariance=rest @ covariance @ rest.swapaxes(1, 2) + K @ R @ K.swapaxes(1, 2),
         log_likelihood=-0.5 * (log_determinant + np.sum(error * whitened, axis=1)),
     )
