@@ -9,6 +9,7 @@ import csv
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -227,11 +228,12 @@ def _delimiter(lines: list[str]) -> str:
     tail = lines[len(lines) // 2 :][:200] if len(lines) > 50 else lines  # header and remarks are before
     best = (0.0, 1, _BLANKS)
     for delimiter in (*_DELIMITERS, _BLANKS):
-        counts = [len(cells(line, delimiter)) for line in tail]
+        rows = [cells(line, delimiter) for line in tail]
+        counts = [len(row) for row in rows]
         usual = max({count for count in counts if count > 1}, key=counts.count, default=0)
         if usual == 0:
             continue
-        plain = _plain_share([cells(line, delimiter) for line in tail if line], usual)
+        plain = _plain_share(rows, usual)
         score = counts.count(usual) / len(counts) * plain
         if score > best[0] + 0.05:
             best = (score, usual, delimiter)
@@ -244,6 +246,7 @@ def _plain_share(rows: list[list[str]], width: int) -> float:
     return sum(shares) / len(shares) if shares else 0.0
 
 
+@lru_cache(maxsize=1 << 16)
 def _is_value(cell: str) -> bool:
     cell = cell.strip('"')
     if cell.casefold() in _EMPTY or any(pattern.match(cell) for pattern in (_NUMBER, _TEMPORAL)):

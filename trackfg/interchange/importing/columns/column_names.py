@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from functools import lru_cache
 from typing import NamedTuple
 
 from trackfg.interchange.importing.columns.written_units import QUANTITIES, factor_of
@@ -83,6 +84,7 @@ class ColumnName(NamedTuple):
     unit: str
 
 
+@lru_cache(maxsize=4096)
 def parts_of(name: str) -> ColumnName:
     """Return the parts of a column's name; the unit is empty and the axis None where it has none.
 
@@ -93,6 +95,7 @@ def parts_of(name: str) -> ColumnName:
     return ColumnName(re.sub(r"[\s_.\-/]+", " ", rest.casefold()).strip(), axis, unit)
 
 
+@lru_cache(maxsize=4096)
 def _without_unit(name: str) -> tuple[str, str]:
     match = _RATIO.match(name)
     if match is not None and any(factor_of(match[2], quantity) is not None for quantity in QUANTITIES):
@@ -105,6 +108,7 @@ def _without_unit(name: str) -> tuple[str, str]:
     return (match[1], suffix) if is_unit else (name, "")
 
 
+@lru_cache(maxsize=4096)
 def meaning(name: str) -> str | None:
     """Return the kind of quantity that a column's name means; None where it means none that is known."""
     parts, folded = parts_of(name), name.casefold().strip()

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 import re
+from functools import lru_cache
 from typing import Literal, get_args
 
 from trackfg.numerics.chainage.km_notation import METRES_PER
@@ -91,6 +92,7 @@ _COUNT = re.compile(r"\s?(?:/|per)\s?(?:lsb|counts?|digits?|bits?|ticks?|increme
 """What a sample's last bit is called: ``mg/LSB``."""
 
 
+@lru_cache(maxsize=4096)
 def factor_of(text: str, quantity: Quantity) -> float | None:
     """Return the factor that turns values in a written unit into SI; None where it is no unit of that quantity."""
     unit = _folded(text)
