@@ -89,10 +89,10 @@ def test_direction_of_the_track():
 
 def test_holes_in_the_tach_are_bridged(slippery):
     run, whole = slippery
-    tach = run.recording.tach
-    holed = replace(run.recording, tach=tach[(tach["t_s"] < 300.0) | (tach["t_s"] > 304.0)].reset_index(drop=True))
+    imu, tach = (table[table["t_s"] < 500.0] for table in (run.recording.imu, run.recording.tach))
+    holed = replace(run.recording, imu=imu, tach=tach[~tach["t_s"].between(300.0, 304.0)].reset_index(drop=True))
     result = odometry_imm.run(holed)
-    off = result.trajectory["chainage_m"] - whole.trajectory["chainage_m"]
+    off = result.trajectory["chainage_m"] - whole.trajectory["chainage_m"].iloc[: len(result.trajectory)]
     assert off.abs().max() < 20.0
     assert abs(off.iloc[-1]) < 5.0
 

@@ -78,7 +78,7 @@ def test_recordings_without_truth_are_held_against_the_first(tmp_path: Path) -> 
     folders = []
     for run in range(3):
         folder = tmp_path / f"run{run}"
-        simulated = simulate("shuttle", seed=0, run=2 * run, duration_s=100.0)
+        simulated = simulate("shuttle", seed=0, run=2 * run, duration_s=80.0)
         simulated.write(folder)
         folders.append(without_truth(folder))
     result = compare(cases_of(folders), peers=False)
@@ -120,7 +120,7 @@ def test_a_short_recording_without_truth_has_nothing_to_be_compared_with(tmp_pat
 
 
 def test_one_recording_without_truth_is_judged_by_what_was_withheld(tmp_path: Path) -> None:
-    simulate("mainline", seed=1, duration_s=120.0).write(tmp_path / "run")
+    simulate("mainline", seed=1, duration_s=80.0).write(tmp_path / "run")
     cases = cases_of([without_truth(tmp_path / "run")])
     name = "mainline-seed1-run0"
     assert [(case.name, case.kind, case.seed) for case in cases] == [
@@ -144,7 +144,7 @@ def test_one_recording_without_truth_is_judged_by_what_was_withheld(tmp_path: Pa
 
 
 def test_a_recording_on_springs_without_truth_has_differences_but_of_geometry(tmp_path: Path) -> None:
-    simulate("mainline", seed=1, duration_s=120.0).write(tmp_path / "run")
+    simulate("mainline", seed=1, duration_s=80.0).write(tmp_path / "run")
     toml = without_truth(tmp_path / "run") / "recording.toml"
     toml.write_text(toml.read_text().replace("rigid = true", "rigid = false"))
     alone, *_ = cases_of([tmp_path / "run"])
@@ -254,7 +254,7 @@ def test_a_trajectory_is_resampled_from_columns_over_growing_times() -> None:
 
 
 def test_an_estimator_of_ones_own_predicts_what_is_withheld(tmp_path: Path) -> None:
-    simulate("slippery-line", seed=1, duration_s=300.0).write(tmp_path / "run")
+    simulate("slippery-line", seed=1, duration_s=150.0).write(tmp_path / "run")
     without_truth(tmp_path / "run")
     cases = [case for case in cases_of([tmp_path / "run"]) if case.kind == "withheld"][:1]
     own = {"at-rest": Estimator("nothing moves", "this test", at_rest, ("distance and position",))}

@@ -56,7 +56,7 @@ def off_centre(seed: int, offsets: tuple[float, float], noise: bool = True) -> S
     """A run through curves of R 300-500, its wheel so far to the left and to the outside of the centre line, m."""
     plan = replace(scenario("slippery-line"), adhesion=None, irregularities=None, vehicle=Rigid())
     tach = replace(plan.tach, rail_offset_m=offsets[0], outward_offset_m=offsets[1])
-    return simulate(replace(plan, tach=tach), seed=seed, duration_s=1000.0 if noise else 400.0, noise=noise)
+    return simulate(replace(plan, tach=tach), seed=seed, duration_s=750.0 if noise else 400.0, noise=noise)
 
 
 def wheel_estimate(smoothed: SmoothedStates) -> tuple[np.ndarray, np.ndarray]:

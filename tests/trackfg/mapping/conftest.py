@@ -49,7 +49,7 @@ class Run:
 def short_line(**changes: Any) -> Scenario:
     """``shuttle``, cut to two kilometres."""
     balises = BaliseModel(spacing_m=1000.0, sd_m=0.1, places_m=(100.0, LENGTH_M - 100.0))
-    plan = replace(scenario("shuttle"), length_m=LENGTH_M, duration_s=300.0, balises=balises)
+    plan = replace(scenario("shuttle"), length_m=LENGTH_M, duration_s=240.0, balises=balises)
     return replace(plan, **changes)
 
 

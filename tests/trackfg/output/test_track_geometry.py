@@ -122,7 +122,7 @@ def test_sigmas_are_honest_over_seeds(simulated_in_full: Callable[..., Simulatio
     """The rms of error over sigma, over eight lines and all speeds."""
     ratios: dict[str, list[np.ndarray]] = {}
     for seed in range(8):
-        run = simulated_in_full("mainline", seed=seed, duration_s=220.0)
+        run = simulated_in_full("mainline", seed=seed, duration_s=110.0)
         smoothed = smooth_states(run.recording, SmoothConfig())
         error = geometry_errors(smoothed.geometry, smoothed.trajectory, run.truth, run.truth_geometry)
         for name in ("twist_mm", "versine_level_mm", "versine_alignment_mm", "level_mm", "alignment_mm"):

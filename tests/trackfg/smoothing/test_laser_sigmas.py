@@ -17,7 +17,7 @@ def test_sigmas_of_heading_and_position_are_true() -> None:
     """Displacement sensors show nothing of the heading itself; a run's errors are correlated, so its end counts."""
     ratios = []
     for seed in SEEDS:
-        run = simulate("measuring-car", seed=seed, duration_s=240.0)
+        run = simulate("measuring-car", seed=seed, duration_s=120.0)
         end = smooth(run.recording).trajectory.iloc[-1]
         true = {name: np.interp(end["t_s"], run.truth["t_s"], run.truth[name]) for name in ("east_m", "north_m")}
         true["yaw_rad"] = np.interp(end["t_s"], run.truth["t_s"], np.unwrap(run.truth["yaw_rad"]))

@@ -41,7 +41,7 @@ def assert_a_drive_is_smoothed(drive: Drive) -> None:
         dwell_s=(drive.dwell_s, drive.dwell_s + 2.0),
     )
     plan = replace(base, driver=driver, balises=BaliseModel(spacing_m=drive.fixes_m, sd_m=0.1))
-    run = simulate(plan, seed=drive.seed, duration_s=90.0)
+    run = simulate(plan, seed=drive.seed, duration_s=60.0)
     result = smooth(run.recording)
     trajectory = result.trajectory
     assert np.isfinite(trajectory.to_numpy()).all()

@@ -420,13 +420,13 @@ def test_same_recording_gives_the_same_result(simulated: Callable[..., Simulatio
 
 @pytest.mark.slow
 def test_coverage_over_seeds(simulated_in_full: Callable[..., Simulation]) -> None:
-    """The truth lies within 1.96 sd as often as it should, over 20 trolleys of 150 s in the full world.
+    """The truth lies within 1.96 sd as often as it should, over 20 trolleys of 75 s in the full world.
 
     In the world as designed roll would be covered too often: its sigma holds misalignments that are not there.
     """
     inside: dict[str, list[float]] = {column: [] for column in ("roll_rad", "speed_mps", "chainage_m")}
     for seed in range(20):
-        run = simulated_in_full("trolley", seed=seed, duration_s=150.0)
+        run = simulated_in_full("trolley", seed=seed, duration_s=75.0)
         trajectory = solved(run.recording).trajectory
         error = errors(run, trajectory)
         for column, shares in inside.items():

@@ -16,6 +16,9 @@ from trackfg.results.result import Result
 
 pytestmark = pytest.mark.slow
 
+LONG_ENOUGH_S = 660.0
+"""From one end of the line to the other."""
+
 
 def true_place(run: tuple[Simulation, Result], reference: tuple[Simulation, Result], run_m: Array) -> Array:
     """Where on the reference's chainage the run is at its own."""
@@ -34,7 +37,7 @@ def true_place(run: tuple[Simulation, Result], reference: tuple[Simulation, Resu
 
 @pytest.fixture(scope="module")
 def runs(simulated_in_full: Callable[..., Simulation]) -> list[tuple[Simulation, Result]]:
-    simulations = [simulated_in_full("shuttle", seed=4, run=run) for run in range(3)]
+    simulations = [simulated_in_full("shuttle", seed=4, run=run, duration_s=LONG_ENOUGH_S) for run in range(3)]
     return [(simulation, smooth(simulation.recording)) for simulation in simulations]
 
 
@@ -73,7 +76,9 @@ def test_a_run_started_anywhere_on_it(runs: list[tuple[Simulation, Result]]) -> 
 def test_another_line_is_not_this_one(
     runs: list[tuple[Simulation, Result]], simulated_in_full: Callable[..., Simulation]
 ) -> None:
-    other: pd.DataFrame = smooth(simulated_in_full("shuttle", seed=5, run=0).recording).geometry
+    other: pd.DataFrame = smooth(
+        simulated_in_full("shuttle", seed=5, run=0, duration_s=LONG_ENOUGH_S).recording
+    ).geometry
     found = recognise(other, runs[0][1].geometry, place_sd_m=None, rate_sd=0.01, direction=1)
     assert found.probability < 0.2
     assert not found.sections["used"].any()

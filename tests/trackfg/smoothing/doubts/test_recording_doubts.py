@@ -35,7 +35,7 @@ def test_a_tach_that_is_dead_or_freezes_is_not_believed(share: float, simulated_
 
 
 def test_a_gyro_column_with_the_wrong_sign_spoils_everything(simulated_in_full: Simulate) -> None:
-    recording = simulated_in_full("mainline", seed=1, duration_s=120.0).recording
+    recording = simulated_in_full("mainline", seed=1, duration_s=80.0).recording
     imu = recording.imu.assign(wx_radps=-recording.imu["wx_radps"])
     assert statuses(replace(recording, imu=imu), "gyro-sign") == dict.fromkeys(QUANTITIES, "not_trusted")
 
