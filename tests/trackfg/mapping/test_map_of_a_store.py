@@ -11,11 +11,13 @@ from typing import Any
 import numpy as np
 import pytest
 
+from trackfg.cli.mapping import map_file
 from trackfg.cli.mapping.map_file import FleetRuns, build_map_file
 from trackfg.errors import BadInputError
 from trackfg.fleet.catalogue import Run
 from trackfg.fleet.key_figures import done_row, failed_row
 from trackfg.fleet.store import Store
+from trackfg.mapping.joining import build
 from trackfg.maps import read_map
 from trackfg.results.result import Result
 
@@ -73,11 +75,19 @@ def test_a_store_of_several_lines_needs_one(store: Store, tmp_path: Path) -> Non
 
 @pytest.mark.slow
 def test_processes_make_the_same_map(
-    trackfg: Callable[..., subprocess.CompletedProcess[str]], store: Store, ride: Ride, tmp_path: Path
+    trackfg: Callable[..., subprocess.CompletedProcess[str]],
+    store: Store,
+    ride: Ride,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
+    """Two runs one after another, and two blocks of three for the processes."""
     from .joining.test_many_runs import repeated
 
-    for number in range(24):
+    monkeypatch.setattr(build, "_ONE_BY_ONE", 2)
+    for module in (build, map_file):
+        monkeypatch.setattr(module, "BLOCK", 3)
+    for number in range(8):
         put(store, f"many{number:02d}", "9", repeated(ride(number % 2).result, number))
     maps = []
     for jobs in (1, 2):
@@ -86,5 +96,5 @@ def test_processes_make_the_same_map(
         assert trackfg("map", "build", store.place, *options).returncode == 0
         maps.append(read_map(place))
     alone, shared = (replace(each, written_at=None) for each in maps)
-    assert len(alone.runs) == 24
+    assert len(alone.runs) == 8
     assert all(getattr(alone, name).equals(getattr(shared, name)) for name in ("grid", "landmarks", "line", "runs"))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -40,7 +41,12 @@ def passed(tmp_path_factory: pytest.TempPathFactory) -> Callable[[int, int], Res
     path: Path = tmp_path_factory.mktemp("line") / "double.toml"
     path.write_text(LINE, encoding="utf-8")
     plan = scenario("mainline").on(read_line_file(path))
-    return lambda track, run: smooth(simulate(plan, seed=track, run=run, duration_s=200.0).recording)
+
+    @cache
+    def run_over(track: int, run: int) -> Result:
+        return smooth(simulate(plan, seed=track, run=run, duration_s=200.0).recording)
+
+    return run_over
 
 
 def dated(result: Result, month: int) -> Result:
