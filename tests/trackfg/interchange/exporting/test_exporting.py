@@ -76,6 +76,11 @@ def _exported(result: Result, name: str, folder: Path, **options: object) -> Pat
     return export_result(result, form, folder / f"out{form.suffix}", ExportOptions(**options))
 
 
+@pytest.fixture(scope="module")
+def spreadsheet(result: Result, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return _exported(result, "xlsx", tmp_path_factory.mktemp("xlsx"))
+
+
 def test_places_are_those_of_the_trajectory(result):
     located = located_geometry(result)
 
@@ -97,17 +102,17 @@ def test_csv_holds_every_digit(result, tmp_path, table):
             np.testing.assert_array_equal(read[column].to_numpy(dtype=float), original[column].to_numpy())
 
 
-def test_a_spreadsheet_has_a_sheet_for_each_table(result, tmp_path):
-    sheets = pd.read_excel(_exported(result, "xlsx", tmp_path), sheet_name=None)
+def test_a_spreadsheet_has_a_sheet_for_each_table(result, spreadsheet):
+    sheets = pd.read_excel(spreadsheet, sheet_name=None)
 
     assert list(sheets) == ["geometry", "trajectory", "events"]
     assert len(sheets["geometry"]) == len(result.geometry)
     np.testing.assert_allclose(sheets["geometry"]["cross_level_mm_sd"], result.geometry["cross_level_mm_sd"])
 
 
-def test_times_have_dates_where_the_start_is_known(result, without_place, tmp_path):
+def test_times_have_dates_where_the_start_is_known(result, without_place, spreadsheet, tmp_path):
     trajectory = pd.read_csv(_exported(result, "csv", tmp_path, table="trajectory"), parse_dates=["time_utc"])
-    events = pd.read_excel(_exported(result, "xlsx", tmp_path), sheet_name="events")
+    events = pd.read_excel(spreadsheet, sheet_name="events")
     features = json.loads(_exported(result, "geojson", tmp_path).read_text())["features"]
 
     since = (trajectory["time_utc"] - pd.Timestamp(START).tz_localize(None)).dt.total_seconds()
@@ -121,9 +126,9 @@ def test_times_have_dates_where_the_start_is_known(result, without_place, tmp_pa
     assert "time_utc" not in table_of(without_place, "trajectory")
 
 
-def test_a_spreadsheet_keeps_its_names_in_sight_and_says_what_no_column_does(result, tmp_path):
+def test_a_spreadsheet_keeps_its_names_in_sight_and_says_what_no_column_does(result, spreadsheet):
     openpyxl = pytest.importorskip("openpyxl")
-    book = openpyxl.load_workbook(_exported(result, "xlsx", tmp_path))
+    book = openpyxl.load_workbook(spreadsheet)
 
     assert {sheet.freeze_panes for sheet in book} == {"B2"}
     assert book.properties.title == result.summary.recording_id

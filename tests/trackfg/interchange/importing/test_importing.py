@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import io
 import subprocess
 import sys
 import tomllib
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -24,9 +26,17 @@ from trackfg.io.reader import read_recording
 from trackfg.smoothing.smoother import smooth
 
 
-def _trackfg(*arguments: object, answers: str | None = None) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-m", "trackfg", *map(str, arguments)]
-    return subprocess.run(command, capture_output=True, text=True, input=answers, timeout=120)
+@pytest.fixture
+def answered(
+    trackfg: Callable[..., subprocess.CompletedProcess[str]], monkeypatch: pytest.MonkeyPatch
+) -> Callable[..., subprocess.CompletedProcess[str]]:
+    """Return what runs the command line in this process, its questions answered from a pipe."""
+
+    def run(*arguments: object, answers: str) -> subprocess.CompletedProcess[str]:
+        monkeypatch.setattr(sys, "stdin", io.StringIO(answers))
+        return trackfg(*arguments)
+
+    return run
 
 
 def vendor_log(folder: Path) -> tuple[Path, object]:
@@ -59,7 +69,9 @@ def test_a_vendor_s_log_needs_one_command_and_no_script(trackfg, tmp_path):
     source, original = vendor_log(tmp_path)
     out = tmp_path / "run"
 
-    done = _trackfg("init", source, "-o", out, answers="90\n0.92\nnowhere\nUTC\n\n\n")
+    command = [sys.executable, "-m", "trackfg", "init", source, "-o", out]
+    answers = "90\n0.92\nnowhere\nUTC\n\n\n"
+    done = subprocess.run(command, capture_output=True, text=True, input=answers, timeout=120)
 
     assert done.returncode == 0, done.stderr
     assert "nowhere is not understood; expected a zone such as Europe/Zurich" in " ".join(done.stdout.split())
@@ -79,7 +91,7 @@ def test_a_vendor_s_log_needs_one_command_and_no_script(trackfg, tmp_path):
     assert (tmp_path / "again" / "recording.toml").read_text() == (out / "recording.toml").read_text()
 
 
-def test_init_keeps_the_answers_where_the_log_is_not_usable(trackfg, tmp_path):
+def test_init_keeps_the_answers_where_the_log_is_not_usable(trackfg, answered, tmp_path):
     source, _ = vendor_log(tmp_path)
     log = source / "log.csv"
     rows = [row.split(b";") for row in log.read_bytes().splitlines()]
@@ -88,7 +100,7 @@ def test_init_keeps_the_answers_where_the_log_is_not_usable(trackfg, tmp_path):
     log.write_bytes(b"\r\n".join(b";".join(row) for row in rows) + b"\r\n")
     mapping = tmp_path / "run.mapping.toml"
 
-    done = _trackfg("init", source, "-o", tmp_path / "run", answers="90\n0.92\nUTC\n\n\n")
+    done = answered("init", source, "-o", tmp_path / "run", answers="90\n0.92\nUTC\n\n\n")
 
     assert done.returncode == 2
     assert "column 'GyrX'" in done.stderr
@@ -129,7 +141,7 @@ def test_a_result_is_no_source_but_a_folder_with_a_summary_of_another_system_is(
     assert source_format(tmp_path / "log").key == "text"
 
 
-def test_init_says_what_it_recognised_and_takes_the_place_where_the_run_begins(tmp_path):
+def test_init_says_what_it_recognised_and_takes_the_place_where_the_run_begins(answered, tmp_path):
     recording = simulate("trolley", seed=1, duration_s=80.0).recording
     imu = recording.imu.iloc[::4]
     table = pd.DataFrame({"Time (s)": imu["t_s"].round(3)})
@@ -140,7 +152,7 @@ def test_init_says_what_it_recognised_and_takes_the_place_where_the_run_begins(t
     source = tmp_path / "trolley.csv"
     table.to_csv(source, index=False)
 
-    done = _trackfg("init", source, "-o", tmp_path / "run", answers="maybe\ny\n\nnowhere\n12+300\nn\n")
+    done = answered("init", source, "-o", tmp_path / "run", answers="maybe\ny\n\nnowhere\n12+300\nn\n")
 
     assert done.returncode == 0, done.stderr
     said = " ".join(done.stdout.split())
@@ -150,14 +162,14 @@ def test_init_says_what_it_recognised_and_takes_the_place_where_the_run_begins(t
     toml = tomllib.loads((tmp_path / "run" / "recording.toml").read_text())
     assert toml["imu"]["rigid"] is True
     assert toml["kilometrage"] == {"direction": "descending", "equation": [{"chainage_m": 0.0, "km": "12+300"}]}
-    unanswered = _trackfg("init", source, "-o", tmp_path / "other", answers="yes\n1.067\n")
+    unanswered = answered("init", source, "-o", tmp_path / "other", answers="yes\n1.067\n")
     assert unanswered.returncode == 0, unanswered.stderr  # where it begins need not be known
     assert "kilometrage" not in tomllib.loads((tmp_path / "other" / "recording.toml").read_text())
-    ended = _trackfg("init", source, "-o", tmp_path / "third", answers="yes\n")
+    ended = answered("init", source, "-o", tmp_path / "third", answers="yes\n")
     assert ended.returncode == 2
     assert "track.gauge_m: no answer to: Track gauge, m. Hint: take the defaults by --yes" in ended.stderr
     table.rename(columns={"Distance (m)": "Pulses"}).to_csv(source, index=False)
-    ended = _trackfg("init", source, "-o", tmp_path / "fourth", answers="")
+    ended = answered("init", source, "-o", tmp_path / "fourth", answers="")
     assert "Pulses. Hint: state it in a mapping, for trackfg import (docs/importing.md)" in ended.stderr  # no default
 
 
@@ -444,7 +456,7 @@ def test_a_header_above_rows_that_are_mostly_text_is_found(tmp_path):
     assert len(table.frame) == 60
 
 
-def test_init_refuses_a_place_where_nothing_can_be_written_before_it_asks(trackfg, tmp_path):
+def test_init_refuses_a_place_where_nothing_can_be_written_before_it_asks(answered, tmp_path):
     source, _ = vendor_log(tmp_path)
     simulate("mainline", duration_s=20.0).write(tmp_path / "run")
 
@@ -453,7 +465,7 @@ def test_init_refuses_a_place_where_nothing_can_be_written_before_it_asks(trackf
         ("log.txt/run", "is a file; expected a"),
     ):
         (tmp_path / "log.txt").touch()
-        done = _trackfg("init", source, "-o", tmp_path / place, answers="")
+        done = answered("init", source, "-o", tmp_path / place, answers="")
         assert (done.returncode, done.stdout) == (2, "")
         assert reason in done.stderr
     assert not (tmp_path / "run.mapping.toml").exists()
