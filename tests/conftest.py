@@ -27,16 +27,32 @@ if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
 settings.register_profile("any machine", deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("any machine")
 
+_FOLDER = "compiled_modules"
+_COMPILED = pytest.StashKey[str]()
+
 
 def pytest_configure(config: pytest.Config) -> None:
     """Give the interpreters that tests start one folder for compiled modules where the environment has Python write
     none: each would compile all that it imports anew, which takes a command longer than its work. The process of the
     tests, and its workers, use no such folder: libraries that are compiled in them would warn, which is an error.
     """
-    if not config.getoption("numprocesses", None) and os.environ.pop("PYTHONDONTWRITEBYTECODE", None):
-        folder = tempfile.TemporaryDirectory(prefix="compiled-modules-", ignore_cleanup_errors=True)
-        config.add_cleanup(folder.cleanup)
-        os.environ["PYTHONPYCACHEPREFIX"] = folder.name
+    if "PYTHONDONTWRITEBYTECODE" not in os.environ:
+        return
+    folder = getattr(config, "workerinput", {}).get(_FOLDER)
+    if folder is None:
+        made = tempfile.TemporaryDirectory(prefix="compiled-modules-", ignore_cleanup_errors=True)
+        config.add_cleanup(made.cleanup)
+        config.stash[_COMPILED] = folder = made.name
+    if not config.getoption("numprocesses", None):
+        del os.environ["PYTHONDONTWRITEBYTECODE"]
+        os.environ["PYTHONPYCACHEPREFIX"] = folder
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_configure_node(node: Any) -> None:
+    """Give all workers the folder for compiled modules."""
+    if _COMPILED in node.config.stash:
+        node.workerinput[_FOLDER] = node.config.stash[_COMPILED]
 
 
 @pytest.fixture(params=["numpy", "compiled"])
