@@ -154,17 +154,25 @@ def test_a_parent_that_is_not_there(make_map: MakeMap, location: str, tmp_path: 
 
 
 TWO_AT_ONCE = """
-    import dataclasses, sys
+    # Two children wait until nobody can write into the pipe any more: they go on at once.
+    import dataclasses, os, sys
     from trackfg.maps import MapConflictError, read_map, write_map
 
-    location, source, name, parent = sys.argv[1:]
-    made = dataclasses.replace(read_map(source), name=name)
-    print("ready", flush=True)
-    sys.stdin.readline()
-    try:
-        print(write_map(made, location, parent=int(parent) or None).version)
-    except MapConflictError as error:
-        print("conflict", error.parent, error.newest)
+    location, source, parent = sys.argv[1:]
+    made = read_map(source)
+    begin, hold = os.pipe()
+    for name in ("Anna", "Boris"):
+        if os.fork() == 0:
+            os.close(hold)
+            os.read(begin, 1)
+            try:
+                end = write_map(dataclasses.replace(made, name=name), location, parent=int(parent) or None).version
+            except MapConflictError as error:
+                end = f"conflict {error.parent} {error.newest}"
+            os.write(1, f"{name}: {end}\\n".encode())
+            os._exit(0)
+    os.close(hold)
+    assert [os.wait()[1] for _ in range(2)] == [0, 0]
 """
 
 
@@ -179,25 +187,10 @@ def test_of_two_writers_at_once_one_is_reported(
     write_map(made, source, parent=None)
     if parent:
         write_map(made, location, parent=None)
-    writers = [
-        subprocess.Popen(
-            [sys.executable, "-c", textwrap.dedent(TWO_AT_ONCE), location, source, name, str(parent)],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            text=True,
-        )
-        for name in ("Anna", "Boris")
-    ]
-    for writer in writers:
-        assert writer.stdout is not None
-        assert writer.stdout.readline() == "ready\n"
-    for writer in writers:
-        assert writer.stdin is not None
-        writer.stdin.write("go\n")
-        writer.stdin.flush()
-    said = [writer.communicate()[0].strip() for writer in writers]
-    assert sorted(said) == [str(parent + 1), f"conflict {parent or None} {parent + 1}"]
-    winner = ("Anna", "Boris")[said.index(str(parent + 1))]
+    ends = dict(line.split(": ") for line in run_program(TWO_AT_ONCE, location, source, parent).splitlines())
+    assert sorted(ends) == ["Anna", "Boris"]
+    assert sorted(ends.values()) == [str(parent + 1), f"conflict {parent or None} {parent + 1}"]
+    winner = next(name for name, end in ends.items() if end == str(parent + 1))
     assert_same_map(read_map(location), dataclasses.replace(made, name=winner))
     if parent:
         assert_same_map(read_map(location, 1), made)

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from trackfg.config import SmoothConfig
 from trackfg.datasets.scenarios import scenario, simulate
 from trackfg.recording.model import Recording
 from trackfg.sensors.tach import read_wheel
@@ -92,7 +93,7 @@ def test_json_lines_whose_tach_is_absent_at_first(run: Any, signed: bool) -> Non
 def test_with_gnss_the_stream_begins_at_once_and_takes_the_tach_up(stream: Callable[..., Any]) -> None:
     plan = scenario("mainline-gnss")
     run = simulate(replace(plan, driver=replace(plan.driver, start_rest_s=10.0)), seed=3, duration_s=85.0)
-    whole, late = (stream(with_tach_from(run.recording, t), lag_s=5.0) for t in (0.0, LATE_S))
+    whole, late = (stream(with_tach_from(run.recording, t), lag_s=5.0, config=SmoothConfig()) for t in (0.0, LATE_S))
     assert late.filtered["t_s"].iloc[0] == pytest.approx(10.0, abs=0.1)
     assert not [event for event in late.events if event.kind == "no-speed"]
     ours = late.filtered[late.filtered["t_s"] > LATE_S + 60.0]
