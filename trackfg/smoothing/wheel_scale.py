@@ -82,14 +82,13 @@ def wheel_scale(run: SolvedRun) -> Reassessment:
     may_have_offset = problem.wheel.integrates_speed and problem.wheel.offset_sd_mps == 0.0
     families = _with_offset(problem.families, SET_OFFSET_SD_MPS) if may_have_offset else tuple(problem.families)
     evidence = ScaleEvidence.of(problem.inertial, families, states)
-    changes = scale_changes(*evidence.on_changes(constant, edges))
-    if changes.log_odds > CLEARLY and may_have_offset:
+    if may_have_offset:
         with_offset = _with_offset(families, _OFFSET_SD_MPS)
         beside = ScaleEvidence.of(problem.inertial, with_offset, states)
         occam = np.log(_OFFSET_SD_MPS / SET_OFFSET_SD_MPS)  # the likelihoods are without the sigmas of priors
         if beside.log_likelihood(constant) - occam > evidence.log_likelihood(constant) + CLEARLY:
             families, evidence = with_offset, beside
-            changes = scale_changes(*evidence.on_changes(constant, edges))
+    changes = scale_changes(*evidence.on_changes(constant, edges))
     judged = constant
     if changes.log_odds > CLEARLY:
         everywhere = _walking_everywhere(evidence, constant, run.config.tach.scale_walk_per_sqrt_m)

@@ -47,15 +47,16 @@ def scale_changes(information: Array, linear: Array) -> ScaleChanges:
     single = np.diagonal(information)
     precision = np.maximum(np.concatenate([single, single[begin] + single[end] - 2.0 * information[begin, end]]), 0.0)
     of_each_kind = np.repeat([1.0 / count, 1.0 / max(len(begin), 1)], [count, len(begin)])
+    log_prior = np.log(0.5 * of_each_kind / len(_SDS))
     variance = np.square(_SDS)[:, None]
-    shrunk = variance / (1.0 + variance * precision)
-    log_prior = np.log(0.5 * of_each_kind / len(_SDS)) - 0.5 * np.log1p(variance * precision)
 
-    def updated(others: Array, number: int) -> tuple[float, Array, Array]:
-        """Return the log odds of an effect, and the first and second moments of its r."""
-        left = linear - information @ others
+    def updated(others: Array, number: int, level: float) -> tuple[float, Array, Array]:
+        """Return the log odds of an effect, and the first and second moments of its r; ``level``: s^2."""
+        left = (linear - information @ others) / level
         left = np.concatenate([left, left[begin] - left[end]])
-        log_weight = log_prior + 0.5 * left**2 * shrunk
+        seen = variance * precision / level
+        shrunk = variance / (1.0 + seen)
+        log_weight = log_prior + 0.5 * (left**2 * shrunk - np.log1p(seen))
         most = float(np.max(log_weight))
         weight = np.exp(log_weight - most)
         total = float(np.sum(weight))
@@ -72,11 +73,13 @@ def scale_changes(information: Array, linear: Array) -> ScaleChanges:
 
     means, moments = np.zeros((2, _MOST_EFFECTS, count))
     log_odds = np.zeros(_MOST_EFFECTS)
+    estimate = np.linalg.lstsq(information, linear)[0]
     for _ in range(_MOST_ROUNDS):
-        last = means.copy()
+        last, off = means.copy(), estimate - means.sum(axis=0)
+        level = max(1.0, float(off @ information @ off) / count)
         for number in range(_MOST_EFFECTS):
             others = means.sum(axis=0) - means[number]
-            log_odds[number], means[number], moments[number] = updated(others, number)
+            log_odds[number], means[number], moments[number] = updated(others, number, level)
         if np.max(np.abs(means - last)) < _SETTLED:
             break
     return ScaleChanges(float(np.max(log_odds)), means.sum(axis=0) ** 2 + np.sum(moments - means**2, axis=0))

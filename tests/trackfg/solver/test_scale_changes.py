@@ -37,6 +37,20 @@ def test_a_constant_scale_changes_nowhere(seed: int) -> None:
     assert np.sqrt(found.variance.sum()) < 1e-3
 
 
+def test_errors_that_are_larger_everywhere_are_noise() -> None:
+    """Distances over cells err by 2.5 of their sigmas: odds of 20 are rare, and a large change is found all the same."""
+    design, changes, odds = np.tril(np.ones((50, 50))) / SD, np.zeros(50), np.empty(40)
+    information, _ = measured(changes)
+    changes[20] = 0.02
+    for seed in range(len(odds)):
+        linear = design.T @ (2.5 * np.random.default_rng(seed).standard_normal(50))
+        odds[seed] = scale_changes(information, linear).log_odds
+        found = scale_changes(information, linear + information @ changes)
+        assert found.log_odds > 10.0
+        assert np.sqrt(found.variance[18:23].sum()) == pytest.approx(0.02, rel=0.25)
+    assert np.mean(odds > 3.0) <= 0.05
+
+
 def test_creep_has_its_begin_and_its_end() -> None:
     changes = np.zeros(40)
     changes[13], changes[27] = 0.01, -0.01
