@@ -55,7 +55,7 @@ EFFECTS: dict[str, EffectKind] = {
         "white noise of the IMU, times the declared level",
         Noise,
         "times",
-        (3.0, 10.0),
+        (0.1, 3.0, 10.0),
         "data sheets give noise at rest; densities of a phone in a car are 3-10 times its data sheet's (comma2k19)",
     ),
     "body-vibration": EffectKind(

@@ -38,6 +38,7 @@ BASES: dict[str, tuple[str, ...]] = {
 }
 """With which sensors an effect is run besides IMU and wheel; ``odometry``, without positions, where none are named."""
 ORACLES = frozenset({
+    ("imu-noise", 0.1),
     ("imu-noise", 10.0),
     ("aliased-vibration", 2.0),
     *(("rectification", magnitude) for magnitude in EFFECTS["rectification"].magnitudes),

@@ -15,7 +15,11 @@ less Euler's constant.
 
 A line of an engine's vibration that lies near a multiple of the sampling rate is folded to near zero, where no spectrum
 in motion distinguishes it from motion. But at rest all is noise: there the variance of means over half a second shows
-it, and what shakes a vehicle at rest shakes it in motion, too (:meth:`NoiseFloor.with_rests`).
+it, and what shakes a vehicle at rest shakes it in motion, too (:class:`RestNoise`).
+
+For the same reason rests show what a sensor has at most where it is better than declared. The variance of means over
+tau is theirs, and half the mean square of the difference of two means in a row, which a drift does not change: Allan,
+Proc. IEEE 54 (1966). A limit of 2 sigma of it takes the place of a larger declared density.
 
 Two more things count as noise of an interval:
 
@@ -37,6 +41,7 @@ from functools import cached_property
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from scipy.ndimage import median_filter, uniform_filter1d
+from scipy.special import chdtri, ndtr
 
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.kernels import compiled_kernels, kernel_argument
@@ -74,12 +79,28 @@ _CHUNK = 256
 _REST_MEAN_S = 0.5
 """At rest means over this, s, show what is below the keyframe rate."""
 
+_REST_MEANS = 40
+"""Means in a row, 20 s of them, that are compared with one median: in a long rest a bias walks by more than they
+scatter.
+Within 20 s it does so only where its walk per sqrt(s) is above 0.3 of the density per sqrt(Hz); 0.02 is usual."""
+
 _EFFICIENCY = 0.37
 """Of a variance by the median magnitude, which the end of a rest that is none does not change, against plain squares
 (Rousseeuw & Croux, J. American Statistical Association 88 (1993))."""
 
 _SIGMAS = 3.0
 """Means at rest scatter by more than the floor where their variance is so many of its sigmas beyond."""
+
+_INDEPENDENT = 2.0 / 3.0
+"""Degrees of freedom of differences of neighbouring means, per difference, in white noise (Howe, Allan & Barnes, Proc.
+35th Annual Frequency Control Symposium (1981))."""
+
+_AT_MOST = float(ndtr(2.0))
+"""Probability with which a variance is below the limit that rests show: that of a normal value below 2 sigmas."""
+
+_LEAST = 0.1
+"""Of a declared density. Assumed: a sensor whose rests show less is not that much better than declared, but its samples
+are held or set to zero at rest, as some firmware does, or were made without noise."""
 
 _MOTION_S = 0.25
 """Means over this, s, are motion: what is faster than 2-4 Hz is vibration, a body on its springs sways at 1-2 Hz."""
@@ -155,11 +176,29 @@ class WhiteNoise(Outlined):
 
 
 @dataclass(frozen=True)
+class NoiseAtRest:
+    """What rests show of the noise of all intervals, as densities squared (6,), gyro first.
+
+    ``excess`` is beyond the floor of the spectrum. ``most`` is what the sensor has at most: it takes the place of a
+    declared density that is larger.
+    """
+
+    excess: Array = field(default_factory=lambda: np.zeros(6))
+    most: Array = field(default_factory=lambda: np.full(6, np.inf))
+
+    def assumed(self, gyro: float, accel: float) -> Array:
+        """Return the densities squared (6,) that the sensor is assumed to have where these are declared."""
+        declared = np.repeat([gyro, accel], 3) ** 2
+        return np.minimum(declared, np.maximum(self.most, _LEAST**2 * declared))
+
+
+@dataclass(frozen=True)
 class NoiseFloor:
     """The floor of spectra is a density squared, ``seen`` (b, 6), gyro first, between times ``knots`` (b + 1,), s.
 
     At times ``lost_t`` (h,), s, samples hide a turn (rad) or a change of velocity (m/s) of about ``lost`` (h, 6), and
-    at ``shock_t`` (k,), s, they show a change ``shock`` (k, 6) that was none. All times are in order.
+    at ``shock_t`` (k,), s, they show a change ``shock`` (k, 6) that was none. All times are in order. ``at_rest``: what
+    rests show besides.
     """
 
     knots: Array
@@ -168,6 +207,7 @@ class NoiseFloor:
     lost: Array
     shock_t: Array
     shock: Array
+    at_rest: NoiseAtRest = field(default_factory=NoiseAtRest)
 
     @classmethod
     def of(cls, data: Intervals) -> NoiseFloor:
@@ -186,26 +226,18 @@ class NoiseFloor:
         nowhere = np.zeros(0), np.zeros((0, 6))
         return cls(data.edges[[0, -1]], np.zeros((1, 6)), *nowhere, *nowhere)
 
-    def with_rests(self, data: Intervals, rests: Array) -> NoiseFloor:
-        """Return the same plus, all the time, what means over half a second in ``rests`` (r, 2), s, show besides."""
-        return self.raised(RestNoise.of(data, self, rests).excess)
-
-    def raised(self, by: Array) -> NoiseFloor:
-        """Return the same with densities squared higher ``by`` (6,), gyro first, all the time."""
-        return replace(self, seen=self.seen + by) if by.any() else self
-
     def between(self, t: Array, gyro: float, accel: float) -> WhiteNoise:
-        """Return the white noise between times ``t`` (m + 1,), s: as seen, but at least as declared."""
-        declared, span = np.repeat([gyro, accel], 3) ** 2, np.diff(t)[:, None]
+        """Return the white noise between times ``t`` (m + 1,), s: as seen, but at least as assumed of the declared."""
+        assumed, seen, span = self.at_rest.assumed(gyro, accel), self.seen + self.at_rest.excess, np.diff(t)[:, None]
         if compiled_kernels():
             from trackfg.numerics import compiled
 
-            t, knots, level = map(kernel_argument, (t, self.knots, self.seen))
+            t, knots, level = map(kernel_argument, (t, self.knots, seen))
             lost_t, lost, shock_t, shock = map(kernel_argument, (self.lost_t, self.lost, self.shock_t, self.shock))
             variance = np.empty((len(span), 6))
-            compiled.white_noise(t, knots, level, declared, CLEARLY, lost_t, lost, shock_t, shock, variance)
+            compiled.white_noise(t, knots, level, assumed, CLEARLY, lost_t, lost, shock_t, shock, variance)
             return WhiteNoise.of_variance(variance)
-        white = np.where(self.seen > CLEARLY * declared, self.seen, declared)
+        white = np.where(seen > CLEARLY * assumed, seen, assumed)
         total = np.concatenate([np.zeros((1, 6)), np.cumsum(white * np.diff(self.knots)[:, None], axis=0)])
         lost, shocks = (_summed(t, *parts) for parts in ((self.lost_t, self.lost), (self.shock_t, self.shock)))
         return WhiteNoise.of_variance(
@@ -213,32 +245,33 @@ class NoiseFloor:
         )
 
 
-def noise_seen(data: Intervals, t: Array, gyro: float, accel: float, excess: Array) -> WhiteNoise:
-    """Return the white noise between times ``t`` (m + 1,), s, as all samples of a record show it, at least as declared.
-
-    ``excess`` (6,): what is added to the densities squared that are seen, gyro first.
+def noise_seen(data: Intervals, t: Array, gyro: float, accel: float, at_rest: NoiseAtRest) -> WhiteNoise:
+    """Return the white noise between times ``t`` (m + 1,), s, as all samples of a record and its rests show it, at
+    least as assumed of what is declared.
     """
     if not compiled_kernels():
-        return NoiseFloor.of(data).raised(excess).between(t, gyro, accel)
+        return replace(NoiseFloor.of(data), at_rest=at_rest).between(t, gyro, accel)
     from trackfg.numerics import compiled
 
-    declared, variance = np.repeat([gyro, accel], 3) ** 2, np.empty((len(t) - 1, 6))
+    variance = np.empty((len(t) - 1, 6))
     edges, rates, forces, times = map(kernel_argument, (data.edges, data.gyro, data.accel, t))
     compiled.noise_seen(
         *(edges, rates, forces, np.ascontiguousarray(data.bridged), block_length(data), data.usual_duration),
-        *(NOISE_LIMITS, declared, excess, CLEARLY, times, variance),
+        *(NOISE_LIMITS, at_rest.assumed(gyro, accel), at_rest.excess, CLEARLY, times, variance),
     )
     return WhiteNoise.of_variance(variance)
 
 
 @dataclass(frozen=True)
 class RestNoise:
-    """Means over half a second at rest differ by ``off`` (k, 6), gyro first, from the median of their rest.
+    """Means over half a second at rest differ by ``off`` (k, 6), gyro first, from the median of those nearby.
 
-    ``floor`` (b, 6) is the floor of spectra in blocks at rest.
+    ``step`` (m, 6) are the differences of two in a row over sqrt(2), and ``floor`` (b, 6) is the floor of spectra in
+    blocks at rest, 0 where it is not known.
     """
 
     off: Array = field(default_factory=lambda: np.zeros((0, 6)))
+    step: Array = field(default_factory=lambda: np.zeros((0, 6)))
     floor: Array = field(default_factory=lambda: np.zeros((0, 6)))
 
     @classmethod
@@ -250,26 +283,32 @@ class RestNoise:
         edges = [np.linspace(begin, end, count + 1) for (begin, end), count in zip(long, counts, strict=True)]
         t = np.concatenate([np.zeros(0), *(0.5 * (each[1:] + each[:-1]) for each in edges)])
         means = np.hstack([means_around(t, _REST_MEAN_S, data.edges, samples) for samples in (data.gyro, data.accel)])
-        off = [rest - np.median(rest, axis=0) for rest in np.split(means, np.cumsum(counts)[:-1]) if len(rest)]
-        resting = within(middle, rests)
+        by_rest = [rest for rest in np.split(means, np.cumsum(counts)[:-1]) if len(rest)]
+        parts = [part for rest in by_rest for part in np.array_split(rest, -(-len(rest) // _REST_MEANS))]
+        resting = within(middle, rests) if floor.seen.any() else np.ones(len(middle), dtype=bool)
         if len(t) <= len(rests) or not resting.any():
             return cls()
-        return cls(np.concatenate(off), floor.seen[resting])
+        off = [part - np.median(part, axis=0) for part in parts]
+        step = [np.diff(rest, axis=0) / np.sqrt(2.0) for rest in by_rest]
+        return cls(np.concatenate(off), np.concatenate(step), floor.seen[resting])
 
     def joined(self, later: RestNoise, most: int) -> RestNoise:
         """Return that of these and later rests, of no more than the newest ``most`` means and blocks."""
-        off, floor = (np.concatenate(both)[-most:] for both in ((self.off, later.off), (self.floor, later.floor)))
-        return RestNoise(off, floor)
+        both = ((self.off, later.off), (self.step, later.step), (self.floor, later.floor))
+        return RestNoise(*(np.concatenate(each)[-most:] for each in both))
 
-    @property
-    def excess(self) -> Array:
-        """The density squared (6,) that the means show beyond the floor where it is clearly more, else 0."""
-        if not len(self.off):
-            return np.zeros(6)
+    def shown(self) -> NoiseAtRest:
+        """Return what the means show beyond the floor where it is clearly more, and what there is at most."""
+        if not len(self.step):
+            return NoiseAtRest()
         floor = np.median(self.floor, axis=0)
-        shown = _REST_MEAN_S * np.array([robust_sd(x) for x in self.off.T]) ** 2
-        clearly = shown > (1.0 + _SIGMAS * np.sqrt(2.0 / (_EFFICIENCY * len(self.off)))) * floor
-        return np.where(clearly, shown - floor, 0.0)
+        off, step = (
+            _REST_MEAN_S * np.array([robust_sd(channel) for channel in means.T]) ** 2 for means in (self.off, self.step)
+        )
+        clearly = off > (1.0 + _SIGMAS * np.sqrt(2.0 / (_EFFICIENCY * len(self.off)))) * floor
+        degrees = _EFFICIENCY * _INDEPENDENT * len(self.step)
+        limit = np.maximum(off, step) * degrees / chdtri(degrees, _AT_MOST)
+        return NoiseAtRest(np.where(clearly, off - floor, 0.0), np.maximum(limit, floor))
 
 
 def _summed(edges: Array, t: Array, values: Array) -> Array:

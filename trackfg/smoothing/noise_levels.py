@@ -16,9 +16,10 @@ are what a sensor that warms up shows, or one that rectifies vibration in its ow
 well, and an accelerometer's, which makes gradients wrong, hardly. Both are of one grade: where the gyro's level is
 above 1, it is what is expected of the other.
 
-No level is below 1, and what was raised comes down again once something else explains the residuals. Sensors that are
-better than declared, or wheels, show too little of it in one run: the sum of their small errors, which is what matters,
-is hardly seen in residuals.
+No level is below 1, and what was raised comes down again once something else explains the residuals. Inertial sensors
+that are better than declared show it at rest (:class:`~trackfg.sensors.imu_noise.RestNoise`), and the level is one of
+that. Residuals show too little of it in one run, of wheels too: the sum of their small errors, which is what matters,
+is hardly seen in them.
 """
 
 from __future__ import annotations
@@ -240,6 +241,21 @@ def raised_level(name: str, level: float) -> str:
     wrong = level > _NO_NOISE and name in ("gyro", "accel")
     more = "; so much may be a unit or an axis that is declared wrongly: see trackfg check" if wrong else ""
     return f"{_NAMES[name]}: residuals show {level:.1f} times what is declared, and sigmas are of that{more}"
+
+
+def lowered_levels(noise: WhiteNoise, declared: tuple[float, float]) -> tuple[Finding, ...]:
+    """Return what is far below its ``declared`` density, of gyro and accelerometer, in some interval of a run."""
+    least = np.sqrt(noise.variance.min(axis=0).reshape(2, 3).max(axis=1))
+    return tuple(
+        Finding(
+            level="info",
+            code="noise-level-lowered",
+            message=f"{_NAMES[name]}: rests show {density / of:.2g} times what is declared or less; sigmas are of that",
+            hint="declare the noise that is there: runs without rests, and other estimators, take it as declared",
+        )
+        for name, density, of in zip(("gyro", "accel"), least.tolist(), declared, strict=True)
+        if density * FAR_OFF < of
+    )
 
 
 def noise_findings(ratios: dict[str, float]) -> tuple[Finding, ...]:

@@ -148,10 +148,10 @@ def test_a_prediction_that_fails_before_its_last_rows_come_loses_the_window_when
 ) -> None:
     predict_interval = running_window.predict_interval
 
-    def fail(context: Any, window: Any, data: Any, edges: Any, excess: Any, **kwargs: Any) -> Any:
+    def fail(context: Any, window: Any, data: Any, edges: Any, at_rest: Any, **kwargs: Any) -> Any:
         if AT_S < data.edges[edges[1]] < AT_S + 1.0:
             raise UnsolvableError("as asked")
-        return predict_interval(context, window, data, edges, excess, **kwargs)
+        return predict_interval(context, window, data, edges, at_rest, **kwargs)
 
     monkeypatch.setattr(running_window, "predict_interval", fail)
     reported = [event for event in streamed(batch_s=0.1)[3] if event.kind == "restarted"]

@@ -23,9 +23,9 @@ from trackfg.graph.inputs import GraphInputs
 from trackfg.graph.motion import along_track
 from trackfg.graph.odometry import path_length_factors, tach_factors
 from trackfg.graph.positions import positions
-from trackfg.numerics.arrays import Array
 from trackfg.recording.model import Recording
 from trackfg.sensors.imu_intervals import Intervals
+from trackfg.sensors.imu_noise import NoiseAtRest
 from trackfg.sensors.tach import Wheel
 from trackfg.streaming.window.predicted_motion import PredictedMotion
 from trackfg.streaming.window.stream_context import StreamContext
@@ -63,15 +63,21 @@ class Prediction(NamedTuple):
 
 
 def predict_interval(
-    context: StreamContext, window: Window, data: Intervals, edges: np.ndarray, excess: Array, *, broken: bool = False
+    context: StreamContext,
+    window: Window,
+    data: Intervals,
+    edges: np.ndarray,
+    at_rest: NoiseAtRest,
+    *,
+    broken: bool = False,
 ) -> Prediction:
     """Predict from the newest keyframe to the next one, at ``edges`` (2,) of the inertial ``data``, which go a bit on.
 
-    ``excess`` (6,): by what the density squared of the noise is above what its spectrum shows. ``broken``: the sensor
-    was off for an unknown time that is not on the clock.
+    ``at_rest``: what rests have shown of the noise. ``broken``: the sensor was off for an unknown time that is not on
+    the clock.
     """
     newest = window.states.take(slice(len(window) - 1, None))
-    motion = PredictedMotion.of(context, newest, data, edges, excess)
+    motion = PredictedMotion.of(context, newest, data, edges, at_rest)
     inputs, start, measured, distance = motion.inputs, motion.start, motion.measured, motion.distance
     odo = Odo.of(start.odo.distance + distance, start.odo.scale, start.odo.count + distance, np.array([distance]))
     predicted = replace(newest, nav=motion.nav, odo=odo)

@@ -8,7 +8,7 @@ long ago are forgotten, since speed, track and weather change.
 
 At rest all that the inertial sensor shows is noise: as in the batch, means over half a second show there what is below
 the keyframe rate (:class:`~trackfg.sensors.imu_noise.RestNoise`). All intervals have at least that noise, from the pass
-on that finds the rest.
+on that finds the rest. Where it is less than declared, intervals from then on have less.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from trackfg.factors.family import Family, changed
 from trackfg.factors.imu import Preintegration
 from trackfg.numerics.arrays import Array
 from trackfg.results.events import Event
-from trackfg.sensors.imu_noise import NoiseFloor, RestNoise
+from trackfg.sensors.imu_noise import NoiseAtRest, NoiseFloor, RestNoise
 from trackfg.smoothing.noise_levels import FAMILIES, FAR_OFF, levels_over_time, levels_seen, raised_level, settled
 from trackfg.smoothing.reassessment import others_are_worse
 from trackfg.solver.variance_components import LEAST_REDUNDANCY, Residuals
@@ -67,8 +67,7 @@ class NoiseRecord:
     sensors with these; ``squared_levels`` (2 + groups,) the sum of the squares of their levels, ``count`` how many they
     are.
 
-    ``at_rest``: what rests have shown up to ``rests_s``, and ``excess`` (6,) by what the density squared is thus above
-    what the spectrum shows, gyro first.
+    ``at_rest``: the means at rest up to ``rests_s``, and ``shown`` what they show of the noise.
     """
 
     t: Array = field(default_factory=lambda: np.zeros(0))
@@ -81,7 +80,7 @@ class NoiseRecord:
     count: int = 0
     at_rest: RestNoise = field(default_factory=RestNoise)
     rests_s: float = -np.inf
-    excess: Array = field(default_factory=lambda: np.zeros(6))
+    shown: NoiseAtRest = field(default_factory=NoiseAtRest)
 
     def at(self, t: Array) -> Array:
         """Return the levels of gyro and accelerometer of intervals that began at ``t`` (m,), s; shape (m, 2)."""
@@ -89,15 +88,15 @@ class NoiseRecord:
         return np.asarray(levels[np.searchsorted(self.t, t - _SAME_S)])
 
     def look_at_rests(self, buffer: SampleBuffer, rests: Array) -> Array:
-        """Learn from what is new of ``rests`` (r, 2), s, and return by what the ``excess`` grew, (6,)."""
+        """Learn from what is new of ``rests`` (r, 2), s, and return by what the excess grew, (6,)."""
         new = np.maximum(rests, self.rests_s)
         new = new[new[:, 1] - new[:, 0] >= _LEAST_REST_S]
         if not len(new):
             return np.zeros(6)
         data = buffer.intervals(float(new[0, 0]), float(new[-1, 1]))
         self.at_rest = self.at_rest.joined(RestNoise.of(data, NoiseFloor.of(data), new), _MOST_MEANS)
-        self.rests_s, previous, self.excess = float(new[-1, 1]), self.excess, self.at_rest.excess
-        return self.excess - previous
+        self.rests_s, previous, self.shown = float(new[-1, 1]), self.shown, self.at_rest.shown()
+        return self.shown.excess - previous.excess
 
     def with_rests(self, window: Window, buffer: SampleBuffer, rests: Array) -> Window:
         """Return the window with the noise that its ``rests`` (r, 2), s, show in all intervals."""

@@ -27,6 +27,7 @@ from trackfg.sensors.imu_intervals import AT_REST_M, Intervals, Turning, samples
 from trackfg.sensors.imu_noise import (
     CLEARLY,
     NOISE_LIMITS,
+    NoiseAtRest,
     NoiseFloor,
     WhiteNoise,
     block_length,
@@ -55,18 +56,18 @@ class PredictedMotion(NamedTuple):
 
     @classmethod
     def of(
-        cls, context: StreamContext, newest: States, data: Intervals, edges: np.ndarray, excess: Array
+        cls, context: StreamContext, newest: States, data: Intervals, edges: np.ndarray, at_rest: NoiseAtRest
     ) -> PredictedMotion:
         """Predict from the ``newest`` keyframe to the next one, as :func:`next_interval.predict_interval` says."""
         predicted = _by_kernel if compiled_kernels() else _by_arrays
-        return predicted(context, newest, data, edges, excess)
+        return predicted(context, newest, data, edges, at_rest)
 
 
 def _by_arrays(
-    context: StreamContext, newest: States, data: Intervals, edges: np.ndarray, excess: Array
+    context: StreamContext, newest: States, data: Intervals, edges: np.ndarray, at_rest: NoiseAtRest
 ) -> PredictedMotion:
     standing = _path(data, rpy_from_matrix(newest.nav.R), newest.bias, np.zeros(2))
-    inputs = _inputs(context, data, edges, NoiseFloor.of(data).raised(excess), standing, None)
+    inputs = _inputs(context, data, edges, replace(NoiseFloor.of(data), at_rest=at_rest), standing, None)
     response = inputs.response[0]
     start = replace(newest, bias=newest.bias + response @ newest.imu[0])
     measured = preintegrated(inputs, start.joined(start), speedless=False)[0]
@@ -82,7 +83,7 @@ def _by_arrays(
 
 
 def _by_kernel(
-    context: StreamContext, newest: States, data: Intervals, edges: np.ndarray, excess: Array
+    context: StreamContext, newest: States, data: Intervals, edges: np.ndarray, at_rest: NoiseAtRest
 ) -> PredictedMotion:
     from trackfg.numerics import compiled
 
@@ -97,7 +98,7 @@ def _by_kernel(
     compiled.predict_interval(
         *(t, gyro, accel, np.ascontiguousarray(data.bridged)),
         (begin, end, block_length(data), *vibration_widths(data), group),
-        _setting(context, data.usual_duration, excess),
+        _setting(context, data.usual_duration, at_rest),
         NOISE_LIMITS,
         newest.arrays,
         results,
@@ -129,13 +130,13 @@ def _by_kernel(
     return PredictedMotion(inputs, start, response, measured, nav, float(motion[0]), Turning(*turns))
 
 
-def _setting(context: StreamContext, dt: float, excess: Array) -> Array:
+def _setting(context: StreamContext, dt: float, at_rest: NoiseAtRest) -> Array:
     """Return the numbers that ``Setting`` in ``kernels/prediction.cpp`` names; ``dt``: usual time of a sample, s."""
     world, bridge, position = context.world, _bridge(context), PreintegrationNoise.position
-    gyro, accel = (density**2 for density in declared_noise(context.description, context.config))
+    assumed = at_rest.assumed(*declared_noise(context.description, context.config))
     return np.array([
         *(dt, CLEARLY, world.gravity, *world.earth_rate.tolist(), EARTH_RADIUS, RATE_WINDOW_S, AT_REST_M, position),
-        *(*context.description.imu.lever_arm_m, gyro, gyro, gyro, accel, accel, accel, *excess.tolist()),
+        *(*context.description.imu.lever_arm_m, *assumed.tolist(), *at_rest.excess.tolist()),
         *(*bridge.gyro.tolist(), *bridge.accel.tolist()),
     ])  # fmt: skip
 

@@ -289,7 +289,7 @@ class RunningWindow:
             data = self.buffer.intervals(last - _NOISE_S, t + _RATES_S)
             edges = np.searchsorted(data.edges, [last - 1e-9, t - 1e-9])
             broken = self.buffer.has_break(last, t)
-            prediction = predict_interval(self.context, self.newest, data, edges, self.noise.excess, broken=broken)
+            prediction = predict_interval(self.context, self.newest, data, edges, self.noise.shown, broken=broken)
             walks = self.walks or self.gnss.rest_erred or self.gnss_speeds.rest_erred
             walk = max(self.votes.walk_per_sqrt_m, WALK_PER_SQRT_M if walks else 0.0)
             prediction = prediction.with_walking_scale(walk)

@@ -40,7 +40,7 @@ class StreamContext:
     def run_of(self, t: Array, data: Intervals, noise: NoiseRecord) -> RunContext:
         """Return the context of keyframes at ``t`` (n,), on edges of the inertial ``data``, with the recorded noise."""
         levels = noise.at(t[:-1])
-        assumed = noise_seen(data, t, *declared_noise(self.description, self.config), noise.excess)
+        assumed = noise_seen(data, t, *declared_noise(self.description, self.config), noise.shown)
         return RunContext(
             t=t,
             edges=np.searchsorted(data.edges, t - 1e-9),

@@ -16,12 +16,13 @@ from trackfg.graph.inputs import World
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.rotations import so3_exp
 from trackfg.sensors.imu_intervals import Intervals
+from trackfg.sensors.imu_noise import NoiseAtRest
 from trackfg.streaming.window.predicted_motion import PredictedMotion
 from trackfg.streaming.window.stream_context import StreamContext
 
 WithBoth = Callable[[Callable[[], Any]], tuple[Any, Any]]
 RNG = np.random.default_rng(5)
-EXCESS = np.array([1e-8, 0.0, 0.0, 0.0, 1e-5, 0.0])
+AT_REST = NoiseAtRest(np.array([1e-8, 0.0, 0.0, 0.0, 1e-5, 0.0]), np.array([np.inf, 1e-10, *np.full(4, np.inf)]))
 
 
 @pytest.fixture(scope="module")
@@ -93,7 +94,7 @@ def test_the_kernel_predicts_as_the_batchs_functions_do(
     start = newest(speed)
 
     def predicted() -> list[Array]:
-        motion = PredictedMotion.of(context, start, data, np.array(edges), EXCESS)
+        motion = PredictedMotion.of(context, start, data, np.array(edges), AT_REST)
         inputs = motion.inputs
         known = (inputs.mean_accel, inputs.mean_gyro, inputs.vibration, inputs.noise, inputs.distance, inputs.body_rate)
         guessed = (inputs.path.rpy, inputs.path.speed, inputs.path.gyro_bias, inputs.distance_at(data.edges))

@@ -18,6 +18,7 @@ from trackfg.graph.inputs import World
 from trackfg.recording.description import RecordingDescription
 from trackfg.recording.model import Recording
 from trackfg.sensors.imu_intervals import Intervals
+from trackfg.sensors.imu_noise import NoiseAtRest
 from trackfg.sensors.tach import Wheel
 from trackfg.solver.elimination import Conditionals
 from trackfg.streaming.rows import NO_SAMPLES
@@ -135,7 +136,7 @@ def predicted(description: RecordingDescription, speed: float) -> Prediction:
     force = np.tile([0.0, 0.0, GRAVITY], (n, 1))
     data = Intervals(np.arange(n + 1) / 100.0, np.zeros((n, 3)), force, np.zeros(n, dtype=bool))
     context = StreamContext(description, SmoothConfig(), World(GRAVITY, np.zeros(3), 0.0), 0.0)
-    return predict_interval(context, known(keyframes(1, speed)), data, np.array([0, 100]), np.zeros(6))
+    return predict_interval(context, known(keyframes(1, speed)), data, np.array([0, 100]), NoiseAtRest())
 
 
 def rolled(speed: float) -> Wheel:
