@@ -38,7 +38,7 @@ def test_a_constant_scale_changes_nowhere(seed: int) -> None:
 
 
 def test_errors_that_are_larger_everywhere_are_noise() -> None:
-    """Distances over cells err by 2.5 of their sigmas: odds of 20 are rare, and a large change is found all the same."""
+    """Distances over cells err by 2.5 of their sigmas: odds of 20 are rare, and a large change is found."""
     design, changes, odds = np.tril(np.ones((50, 50))) / SD, np.zeros(50), np.empty(40)
     information, _ = measured(changes)
     changes[20] = 0.02
