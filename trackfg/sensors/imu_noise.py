@@ -189,7 +189,7 @@ class NoiseAtRest:
     def assumed(self, gyro: float, accel: float) -> Array:
         """Return the densities squared (6,) that the sensor is assumed to have where these are declared."""
         declared = np.repeat([gyro, accel], 3) ** 2
-        return np.minimum(declared, np.maximum(self.most, _LEAST**2 * declared))
+        return np.asarray(np.minimum(declared, np.maximum(self.most, _LEAST**2 * declared)))
 
 
 @dataclass(frozen=True)
@@ -378,7 +378,7 @@ class _Blocks:
     def channels(self) -> Array:
         return np.concatenate([self.data.gyro.T, self.data.accel.T])
 
-    def by_kernel(self) -> tuple[Array, ...]:
+    def by_kernel(self) -> tuple[Array, Array, Array, Array, Array]:
         """Return what :meth:`floor`, :meth:`rounding`, :meth:`hidden` and :meth:`shocks` do."""
         from trackfg.numerics import compiled
 
