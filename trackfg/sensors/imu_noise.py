@@ -19,7 +19,8 @@ it, and what shakes a vehicle at rest shakes it in motion, too (:class:`RestNois
 
 For the same reason rests show what a sensor has at most where it is better than declared. The variance of means over
 tau is theirs, and half the mean square of the difference of two means in a row, which a drift does not change: Allan,
-Proc. IEEE 54 (1966). A limit of 2 sigma of it takes the place of a larger declared density.
+Proc. IEEE 54 (1966). A limit of 2 sigma of it takes the place of a larger declared density where the floor shows what
+motion adds: a record too short, or of too few samples a second for a floor, has what is declared.
 
 Two more things count as noise of an interval:
 
@@ -267,7 +268,7 @@ class RestNoise:
     """Means over half a second at rest differ by ``off`` (k, 6), gyro first, from the median of those nearby.
 
     ``step`` (m, 6) are the differences of two in a row over sqrt(2), and ``floor`` (b, 6) is the floor of spectra in
-    blocks at rest, 0 where it is not known.
+    blocks at rest.
     """
 
     off: Array = field(default_factory=lambda: np.zeros((0, 6)))
@@ -276,7 +277,7 @@ class RestNoise:
 
     @classmethod
     def of(cls, data: Intervals, floor: NoiseFloor, rests: Array) -> RestNoise:
-        """Return that of ``rests`` (r, 2), s, in a record with the given floor; nothing where these are too short."""
+        """Return that of ``rests`` (r, 2), s, in a record with the given floor; none where they are too short."""
         middle = 0.5 * (floor.knots[1:] + floor.knots[:-1])
         long = rests[np.diff(rests, axis=1)[:, 0] >= _REST_MEAN_S]
         counts = ((long[:, 1] - long[:, 0]) / _REST_MEAN_S).astype(int)
@@ -285,8 +286,8 @@ class RestNoise:
         means = np.hstack([means_around(t, _REST_MEAN_S, data.edges, samples) for samples in (data.gyro, data.accel)])
         by_rest = [rest for rest in np.split(means, np.cumsum(counts)[:-1]) if len(rest)]
         parts = [part for rest in by_rest for part in np.array_split(rest, -(-len(rest) // _REST_MEANS))]
-        resting = within(middle, rests) if floor.seen.any() else np.ones(len(middle), dtype=bool)
-        if len(t) <= len(rests) or not resting.any():
+        resting = within(middle, rests)
+        if len(t) <= len(rests) or not floor.seen[resting].any():
             return cls()
         off = [part - np.median(part, axis=0) for part in parts]
         step = [np.diff(rest, axis=0) / np.sqrt(2.0) for rest in by_rest]
