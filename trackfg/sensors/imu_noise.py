@@ -81,9 +81,8 @@ _REST_MEAN_S = 0.5
 """At rest means over this, s, show what is below the keyframe rate."""
 
 _REST_MEANS = 40
-"""Means in a row, 20 s of them, that are compared with one median: in a long rest a bias walks by more than they
-scatter.
-Within 20 s it does so only where its walk per sqrt(s) is above 0.3 of the density per sqrt(Hz); 0.02 is usual."""
+"""Means in a row, 20 s of them, that are compared with one median. In a long rest a bias walks by more than they do,
+within 20 s only where its walk per sqrt(s) is above 0.3 of their density per sqrt(Hz). Usual is 0.02."""
 
 _EFFICIENCY = 0.37
 """Of a variance by the median magnitude, which the end of a rest that is none does not change, against plain squares
