@@ -10,6 +10,7 @@ from typing import Literal
 
 import numpy as np
 import pandas as pd
+from scipy.special import ndtr, stdtrit
 
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.integrals import trapezoid_integral
@@ -19,8 +20,9 @@ _MIN_CHORD_M = 100.0
 _MAX_TURN_RAD = 0.5
 _MIN_SPEED_MPS = 3.0
 
-_FEWEST_VOTERS = 5
-"""Fixes from which on the others can outvote a wrong one and its two stretches."""
+_ALIKE = 0.1
+"""Stretches between fixes agree whose ratios differ by less than this share: wheels creep and slip by less in most, and
+a wrong fix is off by more of them."""
 
 _MIN_STRETCH_M = 10.0
 """A shorter stretch between fixes says nothing of the usual ratio, m."""
@@ -37,50 +39,53 @@ class WheelScale:
 
 
 def scale_from_fixes(tach: pd.DataFrame, fixes: pd.DataFrame) -> WheelScale | None:
-    """Estimate the scale in ``travelled chainage = constant + scale * nominal distance`` by weighted least squares.
+    """Estimate the scale in ``chainage = constant +- scale * nominal distance`` by weighted least squares.
 
-    Both are sums of the magnitudes of the differences between one fix and the next, so that they grow in either
-    direction. Where the vehicle turns back the distances of the ``tach`` need their signs.
-    Fixes at the place of another balise are left out. The sigma is widened by the residuals where those exceed the
-    declared sigmas. None with fewer than two fixes within the tach's time or less than 100 m between them.
+    Where the vehicle turns back the distances of the ``tach`` need their signs. The constant is another one after each
+    stretch between fixes that does not agree with most, as those beside a fix at the place of another balise. The sigma
+    is widened by the residuals where those exceed the declared sigmas, by Student's distribution where they are few.
+    None with fewer than two fixes within the tach's time or less than 100 m between them.
     """
     t = tach["t_s"].to_numpy()
     inside = fixes[(fixes["t_s"] >= t[0]) & (fixes["t_s"] <= t[-1])]
     if len(inside) < 2:
         return None
-    nominal = np.interp(inside["t_s"], t, tach["distance_m"])
-    inside, nominal = (rows[_not_misplaced(nominal, inside)] for rows in (inside, nominal))
-    travelled, rolled = (_summed(values) for values in (inside["chainage_m"].to_numpy(), nominal))
-    if len(inside) < 2 or rolled[-1] < _MIN_CHORD_M:
+    sd = inside["chainage_sd_m"].to_numpy()
+    rolled, counted = np.diff(np.interp(inside["t_s"], t, tach["distance_m"])), np.diff(inside["chainage_m"])
+    agrees = _agreeing(rolled, counted, 6.0 * np.hypot(sd[1:], sd[:-1]))
+    if np.abs(rolled[agrees]).sum() < _MIN_CHORD_M:
         return None
-    weights = 1.0 / inside["chainage_sd_m"].to_numpy() ** 2
-    x, y = (values - np.average(values, weights=weights) for values in (rolled, travelled))
+    part = np.cumsum(np.append(False, ~agrees))
+    weights = 1.0 / sd**2
+    x, y = (_centred(np.append(0.0, np.cumsum(stretch * agrees)), weights, part) for stretch in (rolled, counted))
     information = float(weights @ x**2)
     scale = float(weights @ (x * y)) / information
-    freedom = len(inside) - 2
+    freedom = len(inside) - int(part[-1]) - 2
     chi2 = float(weights @ (y - scale * x) ** 2) / freedom if freedom > 0 else 1.0
-    return WheelScale(scale, float(np.sqrt(max(1.0, chi2) / information)), "fixes", len(inside) - 1)
+    few = float(stdtrit(max(freedom, 1), ndtr(3.0))) / 3.0
+    return WheelScale(abs(scale), float(np.sqrt(max(1.0, chi2 * few**2) / information)), "fixes", int(agrees.sum()))
 
 
-def _summed(values: Array) -> Array:
-    """Return the sum of the magnitudes of all differences up to each value, (n,)."""
-    return np.concatenate([[0.0], np.cumsum(np.abs(np.diff(values)))])
+def _agreeing(rolled: Array, counted: Array, error: Array) -> np.ndarray:
+    """Return which stretches (n,) are alike in the ratio of chainage to distance, but for an ``error`` in m.
 
-
-def _not_misplaced(nominal: Array, fixes: pd.DataFrame) -> np.ndarray:
-    """Return which fixes (n,) do not make both the stretches beside them half as long again as most are, or half as
-    short.
-
-    One wrong fix spoils two stretches, so that up to a quarter of the fixes may be wrong. Fewer than five are all kept.
+    That is the ratio near which most are. One wrong fix spoils two stretches, so that up to a quarter of the fixes may
+    be wrong. Where fewer than two, or than half of the stretches, are alike, all are kept.
     """
-    if len(fixes) < _FEWEST_VOTERS:
-        return np.ones(len(fixes), dtype=bool)
-    rolled, counted = np.abs(np.diff(nominal)), np.abs(np.diff(fixes["chainage_m"]))
-    sd = fixes["chainage_sd_m"].to_numpy()
-    long = rolled > _MIN_STRETCH_M
-    usual = float(np.median(counted[long] / rolled[long])) if long.any() else 1.0
-    far = np.abs(counted - usual * rolled) > 0.5 * usual * rolled + 6.0 * np.hypot(sd[1:], sd[:-1])
-    return np.asarray(~(np.append(True, far) & np.append(far, True)))
+    long = np.abs(rolled) > _MIN_STRETCH_M
+    if not long.any():
+        return np.ones(len(rolled), dtype=bool)
+    ratio = np.sort(counted[long] / rolled[long])
+    far = _ALIKE * np.abs(ratio)
+    near = np.searchsorted(ratio, ratio + far, side="right") - np.searchsorted(ratio, ratio - far)
+    usual = float(np.median(ratio[near == near.max()]))
+    alike = np.abs(counted - usual * rolled) <= _ALIKE * np.abs(usual * rolled) + error
+    return np.asarray(alike | (np.count_nonzero(alike) < max(2.0, 0.5 * len(alike))))
+
+
+def _centred(values: Array, weights: Array, part: np.ndarray) -> Array:
+    """Return values (n,) about the weighted mean of their part (n,)."""
+    return np.asarray(values - (np.bincount(part, weights * values) / np.bincount(part, weights))[part])
 
 
 def scale_from_gnss(tach: pd.DataFrame, gnss: pd.DataFrame) -> WheelScale | None:

@@ -181,6 +181,21 @@ def test_the_scale_from_fixes_is_that_of_the_right_ones(wrong: tuple[int, ...], 
     assert found.scale == pytest.approx(factor, rel=1e-3)
 
 
+@pytest.mark.parametrize("count", [5, 16])
+@pytest.mark.parametrize("off_m", [30.0, 200.0, 600.0, 1500.0, 4000.0, -1500.0])
+def test_one_wrong_fix_is_no_wrong_wheel(count: int, off_m: float) -> None:
+    """With five fixes a small error may not be distinguished from creep: then the sigma is wide."""
+    t, passed = np.arange(0.0, 601.0), np.linspace(10.0, 590.0, count)
+    tach = pd.DataFrame({"t_s": t, "distance_m": 20.0 * t})
+    for wrong in range(count):
+        chainage = 20.0 * passed + np.random.default_rng(wrong).normal(0.0, 0.1, count)
+        chainage[wrong] += off_m
+        found = scale_from_fixes(tach, pd.DataFrame({"t_s": passed, "chainage_m": chainage, "chainage_sd_m": 0.1}))
+        assert found is not None
+        assert abs(found.scale - 1.0) < 3.0 * np.hypot(found.sd, 1e-3)
+        assert found.scale == pytest.approx(1.0, abs=0.001 if abs(off_m) > 400.0 else 0.05)
+
+
 def test_the_scale_from_fixes_does_not_care_for_the_direction_of_chainage(read: Callable[..., Recording]) -> None:
     recording = read(wheel_scale=1.02, parts=("imu", "tach", "fixes"))
     assert recording.tach is not None
