@@ -98,9 +98,9 @@ _INDEPENDENT = 2.0 / 3.0
 _AT_MOST = float(ndtr(2.0))
 """Probability with which a variance is below the limit that rests show: that of a normal value below 2 sigmas."""
 
-_LEAST = 0.1
-"""Of a declared density. Assumed: a sensor whose rests show less is not that much better than declared, but its samples
-are held or set to zero at rest, as some firmware does, or were made without noise."""
+_LEAST, _NOT_NOISE = 0.1, 0.01
+"""Of a declared density: the least that it is lowered to; and samples that show less than the second are held or set to
+zero at rest, as some firmware does, or were made without noise. Assumed."""
 
 _MOTION_S = 0.25
 """Means over this, s, are motion: what is faster than 2-4 Hz is vibration, a body on its springs sways at 1-2 Hz."""
@@ -189,7 +189,8 @@ class NoiseAtRest:
     def assumed(self, gyro: float, accel: float) -> Array:
         """Return the densities squared (6,) that the sensor is assumed to have where these are declared."""
         declared = np.repeat([gyro, accel], 3) ** 2
-        return np.asarray(np.minimum(declared, np.maximum(self.most, _LEAST**2 * declared)))
+        lowered = np.clip(self.most, _LEAST**2 * declared, declared)
+        return np.where(self.most > _NOT_NOISE**2 * declared, lowered, declared)
 
 
 @dataclass(frozen=True)

@@ -42,8 +42,9 @@ def test_path_may_leave_the_direction_of_travel_by_the_gyros_bridge(problem: Pro
     way, duration = np.diff(problem.initial.odo.distance)[first], np.diff(problem.t)[first]
     moving = way > 1.0
     assert np.count_nonzero(moving) > 10
-    expected = GYRO_WHITE * way[moving] * np.sqrt(duration[moving] / 12.0)
-    for row in range(2):
+    noise = problem.run.noise.gyro[first][moving]
+    for row, axis in enumerate((2, 1)):
+        expected = noise[:, axis] * way[moving] * np.sqrt(duration[moving] / 12.0)
         np.testing.assert_allclose(path.sigma[moving, row], expected, rtol=0.01)
 
 
