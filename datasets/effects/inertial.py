@@ -19,21 +19,25 @@ _DEG = np.pi / 180.0
 
 @dataclass(frozen=True)
 class Noise(Effect):
-    """White noise of ``magnitude`` times the declared level; where it is less, so much more is declared."""
+    """White noise of ``magnitude`` times the declared density. Below 1 the sensor is as it is, and more is declared."""
 
     def recorded(self, recording: Recording, ride: Ride, rng: np.random.Generator) -> Recording:
         """See :class:`~trackfg.datasets.scenario.Effect`."""
         samples, declared = Samples.of(recording), recording.description.imu.noise
         if self.magnitude < 1.0:
-            return recording if self.for_oracle else described(recording, noise=_louder(declared, 1.0 / self.magnitude))
+            return (
+                recording
+                if self.for_oracle
+                else described(recording, noise=_with_white(declared, 1.0 / self.magnitude))
+            )
         more = np.sqrt((self.magnitude**2 - 1.0) / samples.interval_s)
         gyro, accel = (more * stream.standard_normal(samples.gyro.shape) for stream in rng.spawn(2))
         noisy = samples.added(declared.gyro_white * gyro, declared.accel_white * accel).into(recording)
-        return described(noisy, noise=_louder(declared, self.magnitude)) if self.for_oracle else noisy
+        return described(noisy, noise=_with_white(declared, self.magnitude)) if self.for_oracle else noisy
 
 
-def _louder(noise: ImuNoise, times: float) -> ImuNoise:
-    """Return the noise with so many times the density of white noise."""
+def _with_white(noise: ImuNoise, times: float) -> ImuNoise:
+    """Return the same with the densities of white noise so many times as large."""
     return noise.model_copy(update={name: times * getattr(noise, name) for name in ("gyro_white", "accel_white")})
 
 

@@ -21,10 +21,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import ndtr, stdtrit
 
 from trackfg.checks.force_balance import FEWEST_BLOCKS, ForceBalance
 from trackfg.numerics.arrays import Array
+from trackfg.numerics.chi_square import widening_of_few
 from trackfg.numerics.robust import jackknife_sd
 
 _SIGMAS = 3.0
@@ -98,7 +98,7 @@ def slope_of(x: Array, y: Array, block: NDArray[np.int64]) -> Slope | None:
     if xx.size < FEWEST_BLOCKS or yy.sum() == 0.0 or xy.sum() == 0.0:
         return None
     correlation = float(xy.sum() / np.sqrt(xx.sum() * yy.sum()))
-    sigmas = -float(stdtrit(xx.size - 1, ndtr(-_SIGMAS)))
+    sigmas = _SIGMAS * widening_of_few(xx.size - 1)
     small, small_sd = _ratio(xy, xx)
     large, large_sd = _ratio(yy, xy)
     sign = float(np.sign(correlation))

@@ -10,9 +10,9 @@ from typing import Literal
 
 import numpy as np
 import pandas as pd
-from scipy.special import ndtr, stdtrit
 
 from trackfg.numerics.arrays import Array
+from trackfg.numerics.chi_square import widening_of_few
 from trackfg.numerics.integrals import trapezoid_integral
 from trackfg.numerics.robust import robust_sd
 
@@ -21,9 +21,11 @@ _MAX_TURN_RAD = 0.5
 _MIN_SPEED_MPS = 3.0
 
 _ALIKE = 0.1
-"""Stretches between fixes agree whose ratios differ by less than this share: wheels creep and slip by less in most, and
-a wrong fix is off by more of them."""
+"""Stretches between fixes agree if their ratios differ by less than this share. Most wheels creep and slip by less, and
+a wrong fix makes them differ by more."""
 
+_ERROR_SIGMAS = 6.0
+"""Errors of two fixes allow for so much more."""
 _MIN_STRETCH_M = 10.0
 """A shorter stretch between fixes says nothing of the usual ratio, m."""
 
@@ -41,10 +43,10 @@ class WheelScale:
 def scale_from_fixes(tach: pd.DataFrame, fixes: pd.DataFrame) -> WheelScale | None:
     """Estimate the scale in ``chainage = constant +- scale * nominal distance`` by weighted least squares.
 
-    Where the vehicle turns back the distances of the ``tach`` need their signs. The constant is another one after each
-    stretch between fixes that does not agree with most, as those beside a fix at the place of another balise. The sigma
-    is widened by the residuals where those exceed the declared sigmas, by Student's distribution where they are few.
-    None with fewer than two fixes within the tach's time or less than 100 m between them.
+    Where the vehicle turns back the distances of the ``tach`` need their signs. Each stretch between two fixes that
+    does not agree with most starts a new constant, as the two beside a fix with the chainage of another balise. The
+    sigma is widened by the residuals where those exceed the declared sigmas, by Student's distribution where they are
+    few. None with fewer than two fixes within the tach's time or less than 100 m between them.
     """
     t = tach["t_s"].to_numpy()
     inside = fixes[(fixes["t_s"] >= t[0]) & (fixes["t_s"] <= t[-1])]
@@ -52,7 +54,7 @@ def scale_from_fixes(tach: pd.DataFrame, fixes: pd.DataFrame) -> WheelScale | No
         return None
     sd = inside["chainage_sd_m"].to_numpy()
     rolled, counted = np.diff(np.interp(inside["t_s"], t, tach["distance_m"])), np.diff(inside["chainage_m"])
-    agrees = _agreeing(rolled, counted, 6.0 * np.hypot(sd[1:], sd[:-1]))
+    agrees = _agreeing(rolled, counted, _ERROR_SIGMAS * np.hypot(sd[1:], sd[:-1]))
     if np.abs(rolled[agrees]).sum() < _MIN_CHORD_M:
         return None
     part = np.cumsum(np.append(False, ~agrees))
@@ -62,15 +64,15 @@ def scale_from_fixes(tach: pd.DataFrame, fixes: pd.DataFrame) -> WheelScale | No
     scale = float(weights @ (x * y)) / information
     freedom = len(inside) - int(part[-1]) - 2
     chi2 = float(weights @ (y - scale * x) ** 2) / freedom if freedom > 0 else 1.0
-    few = float(stdtrit(max(freedom, 1), ndtr(3.0))) / 3.0
+    few = widening_of_few(max(freedom, 1))
     return WheelScale(abs(scale), float(np.sqrt(max(1.0, chi2 * few**2) / information)), "fixes", int(agrees.sum()))
 
 
 def _agreeing(rolled: Array, counted: Array, error: Array) -> np.ndarray:
     """Return which stretches (n,) are alike in the ratio of chainage to distance, but for an ``error`` in m.
 
-    That is the ratio near which most are. One wrong fix spoils two stretches, so that up to a quarter of the fixes may
-    be wrong. Where fewer than two, or than half of the stretches, are alike, all are kept.
+    They are held against the ratio that most others are near to. One wrong fix spoils two stretches, so that up to a
+    quarter of the fixes may be wrong. Where fewer than two, or than half of the stretches, are alike, all are kept.
     """
     long = np.abs(rolled) > _MIN_STRETCH_M
     if not long.any():

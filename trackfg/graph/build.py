@@ -50,7 +50,7 @@ from trackfg.numerics.spans import nearest, within
 from trackfg.recording.model import Recording, refuse_other_than_recording
 from trackfg.sensors.dead_reckoning import InitialPath, initial_path
 from trackfg.sensors.imu_intervals import Intervals, intervals
-from trackfg.sensors.imu_noise import NoiseFloor, RestNoise
+from trackfg.sensors.imu_noise import NoiseFloor
 from trackfg.sensors.speed_noise import speed_noise
 from trackfg.sensors.standstills import find_standstills
 from trackfg.sensors.tach import Wheel, read_wheel
@@ -212,7 +212,7 @@ def build_problem(
     speedless = wheel is None and recording.gnss is None and not measures_speed(recording)
     floor = NoiseFloor.of(data)
     rests, path, rolls, wheel = _first_pass(recording, config, world, data, floor, wheel, speedless)
-    floor = replace(floor, at_rest=RestNoise.of(data, floor, rests).shown())
+    floor = floor.with_rests(data, rests)
     gaps = data.gaps()
     required = _required_times(recording, gaps, rests)
     edges = place_keyframes(data.edges, path.t, path.speed, rests, required, _spacing(recording, config))

@@ -1,9 +1,11 @@
-"""Chi-square tests of mean squares, with fewer degrees of freedom where neighbours are correlated."""
+"""Chi-square tests of mean squares, with fewer degrees of freedom where neighbours are correlated; and Student's
+distribution, where few residuals determine a sigma.
+"""
 
 from __future__ import annotations
 
 import numpy as np
-from scipy.special import chdtrc
+from scipy.special import chdtrc, ndtr, stdtrit
 
 from trackfg.numerics.arrays import Array
 
@@ -19,3 +21,10 @@ def independent_number(number: float, correlation: float) -> float:
     It is at least 1.
     """
     return max(1.0, number * (1.0 - correlation) / (1.0 + correlation))
+
+
+def widening_of_few(degrees: int) -> float:
+    """Return the factor on a sigma that was estimated with so many ``degrees`` of freedom, at least one, by which an
+    error beyond three of it is as unlikely as of a normal variable.
+    """
+    return -float(stdtrit(degrees, ndtr(-3.0))) / 3.0

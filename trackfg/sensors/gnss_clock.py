@@ -20,9 +20,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import ndtr, stdtrit
 
 from trackfg.numerics.arrays import Array
+from trackfg.numerics.chi_square import widening_of_few
 from trackfg.numerics.spans import median_interval
 from trackfg.recording.antenna import is_declared
 from trackfg.recording.model import Recording
@@ -148,5 +148,5 @@ def _best(lags: Array, costs: Array) -> GnssClock | None:
     offset = -float(slope.sum()) / curvature
     slope += bend * offset
     # So few windows show their scatter badly: three sigmas shall be as unlikely as they are of a normal variable.
-    few = float(stdtrit(len(costs) - 1, ndtr(3.0)) / 3.0)
+    few = widening_of_few(len(costs) - 1)
     return GnssClock(float(lags[best]) + offset, few * float(np.sqrt(np.sum(slope**2)) / curvature))

@@ -98,9 +98,12 @@ _INDEPENDENT = 2.0 / 3.0
 _AT_MOST = float(ndtr(2.0))
 """Probability with which a variance is below the limit that rests show: that of a normal value below 2 sigmas."""
 
-_LEAST, _NOT_NOISE = 0.1, 0.01
-"""Of a declared density: the least that it is lowered to; and samples that show less than the second are held or set to
-zero at rest, as some firmware does, or were made without noise. Assumed."""
+_LEAST = 0.1
+"""A declared density is lowered to this share of it at most. Assumed."""
+
+_NOT_NOISE = 0.01
+"""Samples whose noise at rest is below this share of the declared density are held or set to zero there, as some
+firmware does, or were made without noise. Assumed."""
 
 _MOTION_S = 0.25
 """Means over this, s, are motion: what is faster than 2-4 Hz is vibration, a body on its springs sways at 1-2 Hz."""
@@ -179,15 +182,15 @@ class WhiteNoise(Outlined):
 class NoiseAtRest:
     """What rests show of the noise of all intervals, as densities squared (6,), gyro first.
 
-    ``excess`` is beyond the floor of the spectrum. ``most`` is what the sensor has at most: it takes the place of a
-    declared density that is larger.
+    ``excess`` is beyond the floor of the spectrum. ``most`` is the upper limit of the sensor's own noise: it takes the
+    place of a declared density that is larger.
     """
 
     excess: Array = field(default_factory=lambda: np.zeros(6))
     most: Array = field(default_factory=lambda: np.full(6, np.inf))
 
     def assumed(self, gyro: float, accel: float) -> Array:
-        """Return the densities squared (6,) that the sensor is assumed to have where these are declared."""
+        """Return the densities squared (6,) of the sensor, gyro first, where these densities are declared."""
         declared = np.repeat([gyro, accel], 3) ** 2
         lowered = np.clip(self.most, _LEAST**2 * declared, declared)
         return np.where(self.most > _NOT_NOISE**2 * declared, lowered, declared)
@@ -227,8 +230,14 @@ class NoiseFloor:
         nowhere = np.zeros(0), np.zeros((0, 6))
         return cls(data.edges[[0, -1]], np.zeros((1, 6)), *nowhere, *nowhere)
 
+    def with_rests(self, data: Intervals, rests: Array) -> NoiseFloor:
+        """Return the same with what ``rests`` (r, 2), s, show besides."""
+        return replace(self, at_rest=RestNoise.of(data, self, rests).shown())
+
     def between(self, t: Array, gyro: float, accel: float) -> WhiteNoise:
-        """Return the white noise between times ``t`` (m + 1,), s: as seen, but at least as assumed of the declared."""
+        """Return the white noise between times ``t`` (m + 1,), s: as seen, at least as declared where rests do not show
+        less.
+        """
         assumed, seen, span = self.at_rest.assumed(gyro, accel), self.seen + self.at_rest.excess, np.diff(t)[:, None]
         if compiled_kernels():
             from trackfg.numerics import compiled
@@ -247,8 +256,8 @@ class NoiseFloor:
 
 
 def noise_seen(data: Intervals, t: Array, gyro: float, accel: float, at_rest: NoiseAtRest) -> WhiteNoise:
-    """Return the white noise between times ``t`` (m + 1,), s, as all samples of a record and its rests show it, at
-    least as assumed of what is declared.
+    """Return the white noise between times ``t`` (m + 1,), s, of a record of these samples, and of rests before it
+    (:meth:`NoiseFloor.between`).
     """
     if not compiled_kernels():
         return replace(NoiseFloor.of(data), at_rest=at_rest).between(t, gyro, accel)
@@ -277,7 +286,7 @@ class RestNoise:
 
     @classmethod
     def of(cls, data: Intervals, floor: NoiseFloor, rests: Array) -> RestNoise:
-        """Return that of ``rests`` (r, 2), s, in a record with the given floor; none where they are too short."""
+        """Return that of ``rests`` (r, 2), s, in a record of this floor; none where they are too short."""
         middle = 0.5 * (floor.knots[1:] + floor.knots[:-1])
         long = rests[np.diff(rests, axis=1)[:, 0] >= _REST_MEAN_S]
         counts = ((long[:, 1] - long[:, 0]) / _REST_MEAN_S).astype(int)

@@ -17,9 +17,9 @@ well, and an accelerometer's, which makes gradients wrong, hardly. Both are of o
 above 1, it is what is expected of the other.
 
 No level is below 1, and what was raised comes down again once something else explains the residuals. Inertial sensors
-that are better than declared show it at rest (:class:`~trackfg.sensors.imu_noise.RestNoise`), and the level is one of
-that. Residuals show too little of it in one run, of wheels too: the sum of their small errors, which is what matters,
-is hardly seen in them.
+that are better than declared show it at rest (:class:`~trackfg.sensors.imu_noise.RestNoise`), and levels are relative
+to that. Residuals of one run show too little of it, those of wheels too: the sum of their small errors, which is what
+matters, is hardly seen in them.
 """
 
 from __future__ import annotations
@@ -244,13 +244,13 @@ def raised_level(name: str, level: float) -> str:
 
 
 def lowered_levels(noise: WhiteNoise, declared: tuple[float, float]) -> tuple[Finding, ...]:
-    """Return what is far below its ``declared`` density, of gyro and accelerometer, in some interval of a run."""
+    """Return which of gyro and accelerometer have in some interval a density far below their ``declared`` one."""
     least = np.sqrt(noise.variance.min(axis=0).reshape(2, 3).max(axis=1))
     return tuple(
         Finding(
             level="info",
             code="noise-level-lowered",
-            message=f"{_NAMES[name]}: rests show {density / of:.2g} times what is declared or less; sigmas are of that",
+            message=f"{_NAMES[name]}: rests show at most {density / of:.2g} times what is declared; sigmas are of that",
             hint="declare the noise that is there: runs without rests, and other estimators, take it as declared",
         )
         for name, density, of in zip(("gyro", "accel"), least.tolist(), declared, strict=True)

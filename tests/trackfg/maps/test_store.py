@@ -154,7 +154,7 @@ def test_a_parent_that_is_not_there(make_map: MakeMap, location: str, tmp_path: 
 
 
 TWO_AT_ONCE = """
-    # Two children wait until nobody can write into the pipe any more: they go on at once.
+    # Both children read from a pipe until it is closed. Then this process closes it, and both write at the same time.
     import dataclasses, os, sys
     from trackfg.maps import MapConflictError, read_map, write_map
 

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import astuple, replace
+from dataclasses import astuple
 from typing import Any
 
 import numpy as np
 import pytest
 
 from trackfg.sensors.imu_intervals import Intervals
-from trackfg.sensors.imu_noise import NoiseAtRest, NoiseFloor, RestNoise, WhiteNoise, noise_seen
+from trackfg.sensors.imu_noise import NoiseAtRest, NoiseFloor, WhiteNoise, noise_seen
 
 RATE_HZ = 100.0
 GYRO, ACCEL = 1e-4, 1e-3
@@ -21,10 +21,6 @@ def noise_of(gyro: np.ndarray, accel: np.ndarray) -> WhiteNoise:
     edges = np.arange(len(gyro) + 1) / RATE_HZ
     data = Intervals(edges, gyro, accel, np.zeros(len(gyro), dtype=bool))
     return NoiseFloor.of(data).between(SECONDS, GYRO, ACCEL)
-
-
-def with_rests(floor: NoiseFloor, data: Intervals, rests: np.ndarray) -> NoiseFloor:
-    return replace(floor, at_rest=RestNoise.of(data, floor, rests).shown())
 
 
 def white(density: float, seed: int = 0) -> np.ndarray:
@@ -121,14 +117,14 @@ def test_a_line_folded_to_near_zero_counts_where_the_vehicle_rests() -> None:
     accel = white(ACCEL, 1) + 0.5 * np.sin(2.0 * np.pi * 0.2 * t + wander) * [1.0, 0.5, 0.0]
     data = Intervals(np.arange(6001) / RATE_HZ, white(GYRO), accel, np.zeros(6000, dtype=bool))
     floor, rests = NoiseFloor.of(data), np.array([[0.0, 5.0], [20.0, 25.0]])
-    before, after = (one.between(SECONDS, GYRO, ACCEL) for one in (floor, with_rests(floor, data, rests)))
+    before, after = (one.between(SECONDS, GYRO, ACCEL) for one in (floor, floor.with_rests(data, rests)))
     means = accel[: 600 * 10].reshape(-1, 50, 3).mean(axis=1)
     true = means.std(axis=0) * np.sqrt(0.5)
     assert (np.median(before.accel, axis=0)[:2] < 0.2 * true[:2]).all()
     assert np.median(after.accel, axis=0)[:2] == pytest.approx(true[:2], rel=0.3)
     assert np.median(after.accel, axis=0)[2] == pytest.approx(ACCEL, rel=1e-9)
     assert np.median(after.gyro, axis=0) == pytest.approx(GYRO, rel=1e-9)
-    none = with_rests(floor, data, np.zeros((0, 2))).between(SECONDS, GYRO, ACCEL)
+    none = floor.with_rests(data, np.zeros((0, 2))).between(SECONDS, GYRO, ACCEL)
     np.testing.assert_array_equal(none.accel, before.accel)
 
 
@@ -145,7 +141,7 @@ def test_a_sensor_better_than_declared_has_the_noise_that_its_rests_show(rest_s:
         drifting = (3e-7 * np.arange(count) / RATE_HZ)[:, None]
         gyro, accel = 0.1 * GYRO * noise[:, :3] + drifting, 0.1 * ACCEL * noise[:, 3:] + drifting
         data = Intervals(np.arange(count + 1) / RATE_HZ, gyro, accel, np.zeros(count, dtype=bool))
-        white = with_rests(NoiseFloor.of(data), data, rests).between(data.edges[[0, -1]], GYRO, ACCEL)
+        white = NoiseFloor.of(data).with_rests(data, rests).between(data.edges[[0, -1]], GYRO, ACCEL)
         ratio[seed] = np.sqrt(white.variance[0]) / (0.1 * np.repeat([GYRO, ACCEL], 3))
     assert np.mean(ratio < 1.0) < 0.06
     assert np.median(ratio) < (1.2 if rest_s > 100.0 else 2.1)
@@ -154,20 +150,20 @@ def test_a_sensor_better_than_declared_has_the_noise_that_its_rests_show(rest_s:
 def test_samples_too_slow_for_a_spectrum_are_as_declared() -> None:
     """Nothing would show what motion adds to the noise."""
     data = Intervals(np.arange(3001) / 10.0, 0.1 * white(GYRO)[:3000], white(ACCEL)[:3000], np.zeros(3000, dtype=bool))
-    noise = with_rests(NoiseFloor.of(data), data, np.array([[0.0, 300.0]])).between(SECONDS, GYRO, ACCEL)
+    noise = NoiseFloor.of(data).with_rests(data, np.array([[0.0, 300.0]])).between(SECONDS, GYRO, ACCEL)
     assert noise.gyro == pytest.approx(GYRO, rel=1e-9)
 
 
 def test_two_seconds_of_rest_show_too_little_to_lower_the_declared_noise_by_much() -> None:
     data = Intervals(np.arange(201) / RATE_HZ, 0.1 * white(GYRO)[:200], white(ACCEL)[:200], np.zeros(200, dtype=bool))
-    noise = with_rests(NoiseFloor.of(data), data, np.array([[0.0, 2.0]])).between(data.edges[[0, -1]], GYRO, ACCEL)
+    noise = NoiseFloor.of(data).with_rests(data, np.array([[0.0, 2.0]])).between(data.edges[[0, -1]], GYRO, ACCEL)
     assert (noise.gyro > 0.5 * GYRO).all()
 
 
 def test_a_density_is_lowered_to_a_tenth_and_not_at_all_where_samples_are_held() -> None:
     gyro, accel = 1e-3 * white(GYRO), 0.03 * white(ACCEL, 1)
     data = Intervals(np.arange(6001) / RATE_HZ, gyro, accel, np.zeros(6000, dtype=bool))
-    noise = with_rests(NoiseFloor.of(data), data, np.array([[0.0, 60.0]])).between(SECONDS, GYRO, ACCEL)
+    noise = NoiseFloor.of(data).with_rests(data, np.array([[0.0, 60.0]])).between(SECONDS, GYRO, ACCEL)
     assert noise.gyro == pytest.approx(GYRO, rel=1e-9)
     assert noise.accel == pytest.approx(0.1 * ACCEL, rel=1e-9)
 

@@ -8,7 +8,7 @@ long ago are forgotten, since speed, track and weather change.
 
 At rest all that the inertial sensor shows is noise: as in the batch, means over half a second show there what is below
 the keyframe rate (:class:`~trackfg.sensors.imu_noise.RestNoise`). All intervals have at least that noise, from the pass
-on that finds the rest. Where it is less than declared, intervals from then on have less.
+on that finds the rest. Where it is less than declared, later intervals have that noise.
 """
 
 from __future__ import annotations
