@@ -23,9 +23,10 @@ def refuse_unsound(
     and its sigma with it. Without ``sigmas`` these may be NaN beside a value, too.
     """
     for name in table.columns:
-        if table[name].dtype.kind not in "fiu":
-            raise ValueError(f"{what}: column {name!r} is {table[name].dtype}: expected numbers")
-        values = table[name].to_numpy(dtype=np.float64)
+        column = table[name]
+        if column.dtype.kind not in "fiu":
+            raise ValueError(f"{what}: column {name!r} is {column.dtype}: expected numbers")
+        values = column.to_numpy(dtype=np.float64)
         missing = np.isnan(values)
         if complete or name == ascending:
             _refuse(what, name, values, missing, "a number")
