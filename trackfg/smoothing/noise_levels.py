@@ -39,7 +39,7 @@ from trackfg.numerics.chi_square import exceeds_chance
 from trackfg.recording.findings import Finding
 from trackfg.sensors.imu_noise import WhiteNoise
 from trackfg.smoothing.reassessment import Reassessment, SolvedRun
-from trackfg.solver.variance_components import GROUPS, Residuals, group_residuals, walk_residuals
+from trackfg.solver.variance_components import GROUPS, Residuals, walk_residuals
 
 _AGREEING = 10.0
 """Residuals that agree with what is assumed, as many as a group's prior is worth: n above."""
@@ -98,13 +98,11 @@ def noise_levels(run: SolvedRun) -> Reassessment:
     problem = run.problem
     if not run.config.noise.adapt or run.is_changing:
         return Reassessment(problem, _findings(run))
-    states = run.solution.states
-    residuals = group_residuals(problem, states, run.covariance, problem.run.bridged)
-    walk = walk_residuals(problem, states, run.covariance)
-    adapted = _with_inertial_levels(run, residuals)
+    walk = walk_residuals(problem, run.solution.states, run.covariance)
+    adapted = _with_inertial_levels(run, run.residuals)
     for kind, name in FAMILIES.items():
-        if name in residuals:
-            adapted = _with_level(run, adapted, kind, slice(None), residuals[name])
+        if name in run.residuals:
+            adapted = _with_level(run, adapted, kind, slice(None), run.residuals[name])
     if walk is not None:
         adapted = _with_level(run, adapted, FactorType.BIAS_WALK, _WALKS["gyro_walk"], walk)
         grade = levels(run.declared, adapted).get("gyro_walk", 1.0)

@@ -18,6 +18,7 @@ from trackfg.recording.findings import Finding
 from trackfg.results.verdict import Doubt
 from trackfg.solver.covariance import Covariance
 from trackfg.solver.gauss_newton import Solution
+from trackfg.solver.variance_components import Residuals, ratios_of
 
 _BLAMED = 1.5
 """Ratio of seen to assumed noise of another group up to which positions are judged all the same: large errors of
@@ -30,7 +31,7 @@ _OF_GNSS = ("gnss", "gnss speed")
 
 @dataclass(frozen=True)
 class SolvedRun:
-    """A run's graph and its solution, with covariances and with the ratios of seen to assumed noise."""
+    """A run's graph and its solution, with covariances and with the residuals that show its noise."""
 
     config: SmoothConfig
     declared: Problem
@@ -39,13 +40,19 @@ class SolvedRun:
     """As it was solved."""
     solution: Solution
     covariance: Covariance
-    noise_ratios: dict[str, float]
+    residuals: dict[str, Residuals]
+    """Of each group of factors, at the solution."""
     findings: tuple[Finding, ...] = ()
     """What the reassessors say of the solution."""
     doubts: tuple[Doubt, ...] = ()
     """Which sigmas they would widen, and why."""
     is_changing: bool = False
     """Whether a reassessor has changed the problem since it was solved."""
+
+    @property
+    def noise_ratios(self) -> dict[str, float]:
+        """Actual over assumed noise of each group that can be judged."""
+        return ratios_of(self.residuals)
 
 
 @dataclass(frozen=True)

@@ -65,7 +65,7 @@ from trackfg.smoothing.straights import with_roll_of_mounting
 from trackfg.smoothing.weightless_sensors import without_contradicted_speeds, without_unmeasured_rows
 from trackfg.solver.covariance import Covariance, posterior_covariance
 from trackfg.solver.gauss_newton import Solution, solve
-from trackfg.solver.variance_components import noise_ratios
+from trackfg.solver.variance_components import Residuals, group_residuals
 
 if TYPE_CHECKING:
     from trackfg.maps.feature_map import FeatureMap
@@ -288,8 +288,8 @@ def _solved_again(stages: _Stages) -> Callable[[SolvedRun, bool], SolvedRun]:
     def solved_again(run: SolvedRun, far: bool) -> SolvedRun:
         with stages.stage("solve") as report:
             solution = solve(run.problem, run.config.solver, report, near=not far)
-        covariance, ratios = _covariance(run.problem, solution, stages)
-        return replace(run, solution=solution, covariance=covariance, noise_ratios=ratios)
+        covariance, residuals = _covariance(run.problem, solution, stages)
+        return replace(run, solution=solution, covariance=covariance, residuals=residuals)
 
     return solved_again
 
@@ -300,10 +300,10 @@ def _with_noise_levels(config: SmoothConfig, levels: dict[str, float]) -> Smooth
     return config.model_copy(update={"noise": config.noise.model_copy(update=factors)})
 
 
-def _covariance(problem: Problem, solution: Solution, stages: _Stages) -> tuple[Covariance, dict[str, float]]:
+def _covariance(problem: Problem, solution: Solution, stages: _Stages) -> tuple[Covariance, dict[str, Residuals]]:
     with stages.stage("covariance"):
         covariance = posterior_covariance(solution.root)
-        return covariance, noise_ratios(problem, solution, covariance)
+        return covariance, group_residuals(problem, solution.states, covariance, problem.run.bridged)
 
 
 def _with_tables(
@@ -339,9 +339,9 @@ def _with_tables(
         return replace(alone, located=at)
     with stages.stage("solve") as report:
         solution = solve(at.problem, solved.config.solver, report)
-    covariance, ratios = _covariance(at.problem, solution, stages)
+    covariance, residuals = _covariance(at.problem, solution, stages)
     covariance = at.chainage.with_uncertainty(covariance, solution.states, run.direction)
-    again = replace(solved, problem=at.problem, solution=solution, covariance=covariance, noise_ratios=ratios)
+    again = replace(solved, problem=at.problem, solution=solution, covariance=covariance, residuals=residuals)
     return replace(_with_tables(recording, views, stages, again, None), located=at, places=PlaceCovariance.none())
 
 

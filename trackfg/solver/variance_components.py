@@ -21,10 +21,9 @@ from trackfg.factors.linear import slot_columns
 from trackfg.factors.states import KEYFRAME_DIM, Kind, States, offset_in_keyframe
 
 if TYPE_CHECKING:
-    from trackfg.graph.build import Problem
     from trackfg.numerics.arrays import Array
     from trackfg.solver.covariance import Covariance
-    from trackfg.solver.gauss_newton import Graph, Solution
+    from trackfg.solver.gauss_newton import Graph
 
 LEAST_REDUNDANCY = 20.0
 """Groups that the rest of the graph hardly checks say nothing about their own noise."""
@@ -77,11 +76,6 @@ def walk_residuals(graph: Graph, states: States, covariance: Covariance) -> Resi
     """Return the residuals of the walk of the biases, accelerometer first; None where the graph has none."""
     walk = family_of(graph.families, FactorType.BIAS_WALK)
     return None if walk is None else _family_residuals(walk, states, covariance)
-
-
-def noise_ratios(problem: Problem, solution: Solution, covariance: Covariance) -> dict[str, float]:
-    """Return actual over assumed noise of each group that can be judged."""
-    return ratios_of(group_residuals(problem, solution.states, covariance, problem.run.bridged))
 
 
 def ratios_of(groups: Mapping[str, Residuals]) -> dict[str, float]:

@@ -22,6 +22,7 @@ from trackfg.recording.findings import Finding
 from trackfg.recording.model import Recording
 from trackfg.smoothing.smoother import SmoothedStates, smooth_states
 from trackfg.smoothing.wide_priors import wide_priors
+from trackfg.solver.variance_components import Residuals
 
 TOTAL_S = 200.0
 
@@ -147,8 +148,8 @@ def test_the_turning_of_an_earth_that_is_not_declared_is_found() -> None:
 def test_noise_beyond_the_model_leaves_the_mounting_as_known(smoothed: Callable[..., SmoothedStates]) -> None:
     run = smoothed("mainline", seed=0, duration_s=TOTAL_S)
     far_off = replace(run.solution.states, mount=run.solution.states.mount + np.array([0.0, 0.4, 0.0, 0.0, 0.0]))
-    seen = replace(run, solution=replace(run.solution, states=far_off), noise_ratios={"accel": 1.0})
-    noisy = replace(seen, noise_ratios={"accel": 3.0})
+    seen = replace(run, solution=replace(run.solution, states=far_off), residuals=noise_of_accel(1.0))
+    noisy = replace(seen, residuals=noise_of_accel(3.0))
     assert mounting_sd(wide_priors(seen).problem)[1] == pytest.approx(0.4, rel=0.2)
     assert mounting_sd(wide_priors(noisy).problem)[1] == mounting_sd(run.declared)[1]
 
@@ -158,7 +159,7 @@ def test_a_mounting_with_which_no_line_could_be_climbed_is_not_believed(
 ) -> None:
     run = smoothed("mainline", seed=0, duration_s=TOTAL_S)
     climbing = replace(run.solution.states, mount=run.solution.states.mount + np.array([0.4, 0.0, 0.0, 0.0, 0.0]))
-    steep = replace(run, solution=replace(run.solution, states=climbing), noise_ratios={"accel": 1.0})
+    steep = replace(run, solution=replace(run.solution, states=climbing), residuals=noise_of_accel(1.0))
     assert mounting_sd(wide_priors(steep).problem)[0] == mounting_sd(run.declared)[0]
 
 
@@ -167,9 +168,14 @@ def test_a_point_outside_of_every_vehicle_is_not_believed(smoothed: Callable[...
     believed = []
     for up_m in (3.0, 5.0):
         moved = replace(run.solution.states, mount=run.solution.states.mount + np.array([0.0, 0.0, 0.0, 0.0, up_m]))
-        seen = replace(run, solution=replace(run.solution, states=moved), noise_ratios={"accel": 1.0})
+        seen = replace(run, solution=replace(run.solution, states=moved), residuals=noise_of_accel(1.0))
         believed.append(mounting_sd(wide_priors(seen).problem)[4] > 2.0 * mounting_sd(run.declared)[4])
     assert believed == [True, False]
+
+
+def noise_of_accel(ratio: float) -> dict[str, Residuals]:
+    """Residuals of the accelerometer that are ``ratio`` times their sigmas."""
+    return {"accel": Residuals(np.arange(100), np.full((100, 3), ratio), np.ones((100, 3)))}
 
 
 def mounting_sd(problem: Problem) -> np.ndarray:

@@ -28,7 +28,7 @@ from trackfg.smoothing.noise_levels import noise_findings
 from trackfg.smoothing.smoother import smooth, smooth_states
 from trackfg.solver.covariance import Covariance, posterior_covariance
 from trackfg.solver.gauss_newton import solve
-from trackfg.solver.variance_components import noise_ratios
+from trackfg.solver.variance_components import group_residuals, ratios_of
 
 DURATION_S = 300.0
 
@@ -53,7 +53,9 @@ def test_sigmas_declared_too_small_are_found(simulated: Callable[..., Simulation
     optimist = replace(recording, gnss=gnss)
     problem = build_problem(optimist, SmoothConfig())
     solution = solve(problem, SmoothConfig().solver)
-    ratios = noise_ratios(problem, solution, posterior_covariance(solution.root))
+    ratios = ratios_of(
+        group_residuals(problem, solution.states, posterior_covariance(solution.root), problem.run.bridged)
+    )
     assert 3.0 < ratios["gnss"] < 4.0  # positions far off have lost some of their weight
     assert ["'gnss'" in finding.message for finding in noise_findings(ratios)] == [True]
     warned = smooth(optimist, SmoothConfig()).summary
@@ -79,6 +81,7 @@ def test_a_ratio_is_of_the_squares_to_the_redundancy() -> None:
     marginal[:, [at, at + 1, at + 2], [at, at + 1, at + 2]] = 0.5 * sigma**2
     covariance = Covariance.of_marginals(marginal, np.zeros((n - 1, size, size)))
     bridged = np.ones(n - 1, dtype=bool)
-    problem: Any = SimpleNamespace(run=SimpleNamespace(bridged=bridged), families=(gnss,))
-    solution: Any = SimpleNamespace(states=states)
-    assert noise_ratios(problem, solution, covariance) == pytest.approx({"gnss": np.sqrt(0.36 / 0.5)})
+    graph: Any = SimpleNamespace(families=(gnss,))
+    assert ratios_of(group_residuals(graph, states, covariance, bridged)) == pytest.approx(
+        {"gnss": np.sqrt(0.36 / 0.5)}
+    )
