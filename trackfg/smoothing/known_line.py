@@ -13,7 +13,7 @@ constant error counts once and the shape of the line is used besides.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Literal, NamedTuple, get_args
 
@@ -29,7 +29,7 @@ from trackfg.output.trajectory import QUANTITIES, keyframe_jacobian
 from trackfg.recording.findings import Finding
 from trackfg.results.events import Event
 from trackfg.results.summary import LineStretch, LineUse
-from trackfg.smoothing.reassessment import SolvedRun
+from trackfg.smoothing.reassessment import RunSolver, SolvedRun
 
 if TYPE_CHECKING:
     from trackfg.config import LineConfig
@@ -97,9 +97,7 @@ class _Passage(NamedTuple):
     posterior: TrackPosterior
 
 
-def on_line(
-    run: SolvedRun, line: KnownLine, network: TrackNetwork, solved_again: Callable[[SolvedRun, bool], SolvedRun]
-) -> RunOnLine:
+def on_line(run: SolvedRun, line: KnownLine, network: TrackNetwork, solver: RunSolver) -> RunOnLine:
     """Find the tracks of a solved run in the network of a line, and solve it again with their lines."""
     config = run.config.line
     passage = _passage(run, network, _line_error(config))
@@ -107,7 +105,7 @@ def on_line(
     use = LineUse(name=line.name, content_sha256=line.content_sha256, stretches=stretches)
     used = np.flatnonzero(passage.posterior.right >= SURE)
     if used.size:
-        run = _solved_with(run, passage, used, network, solved_again)
+        run = _solved_with(run, passage, used, network, solver)
     return RunOnLine(run, use, tuple(_findings(use)))
 
 
@@ -155,13 +153,14 @@ def _solved_with(
     passage: _Passage,
     used: np.ndarray,
     network: TrackNetwork,
-    solved_again: Callable[[SolvedRun, bool], SolvedRun],
+    solver: RunSolver,
 ) -> SolvedRun:
     """Solve with the lines at points ``used``, until their feet stay where they are."""
     problem, keyframes, feet = run.problem, passage.keyframes[used], passage.feet.take(passage.posterior.row[used])
     for _ in range(_ROUNDS):
         solvable = replace(problem, families=(*problem.families, *_families(run, keyframes, feet)))
-        run = solved_again(replace(run, problem=replace(solvable, initial=run.solution.states)), False)
+        again = solver(run.config, run.declared, replace(solvable, initial=run.solution.states), False)
+        run = replace(again, findings=run.findings, doubts=run.doubts)
         previous, feet = feet.place, network.feet_on(feet, _places(run, keyframes))
         if np.linalg.norm(feet.place - previous, axis=1).max() < _SETTLED_M:
             break

@@ -81,13 +81,16 @@ Reassessor = Callable[[SolvedRun], Reassessment]
 reassessors before."""
 
 
-def reassessed(
-    run: SolvedRun, solved_again: Callable[[SolvedRun, bool], SolvedRun], reassessors: Sequence[Reassessor]
-) -> SolvedRun:
+RunSolver = Callable[[SmoothConfig, Problem, Problem, bool], SolvedRun]
+"""``solver(config, declared, problem, far)`` solves a problem from its initial values, near to or far from the minimum;
+it was ``declared`` before it was reassessed.
+"""
+
+
+def reassessed(run: SolvedRun, solver: RunSolver, reassessors: Sequence[Reassessor]) -> SolvedRun:
     """Return the run after as many rounds of reassessing and solving as change anything, with findings and doubts.
 
-    ``solved_again(run, far)`` solves the run's problem, whose initial values are those of the last solution, and
-    has the covariance of the new one.
+    The initial values of each further solve are the last solution.
     """
     for rounds_left in reversed(range(run.config.noise.rounds + 1)):
         problem = run.problem
@@ -98,7 +101,8 @@ def reassessed(
             problem = reassessments[-1].problem
         if not rounds_left or not any(one.changed for one in reassessments):
             break
-        problem = replace(problem, initial=run.solution.states)
-        run = solved_again(replace(run, problem=problem), any(one.far for one in reassessments))
+        config, declared, problem = run.config, run.declared, replace(problem, initial=run.solution.states)
+        del run  # its square root and its covariance are as large as the next ones
+        run = solver(config, declared, problem, any(one.far for one in reassessments))
     findings = tuple(finding for one in reassessments for finding in one.findings)
     return replace(run, findings=findings, doubts=tuple(doubt for one in reassessments for doubt in one.doubts))

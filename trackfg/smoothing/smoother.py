@@ -59,7 +59,7 @@ from trackfg.smoothing.imu_clock_jumps import without_imu_clock_jumps
 from trackfg.smoothing.late_clocks import Offsets, gnss_moved_s, solved_in_time, with_gnss_in_time, with_offsets
 from trackfg.smoothing.noise_levels import levels, lowered_levels, noise_findings
 from trackfg.smoothing.rail_ties import with_rail_factors
-from trackfg.smoothing.reassessment import SolvedRun, reassessed
+from trackfg.smoothing.reassessment import RunSolver, SolvedRun, reassessed
 from trackfg.smoothing.reassessors import REASSESSORS
 from trackfg.smoothing.straights import with_roll_of_mounting
 from trackfg.smoothing.weightless_sensors import without_contradicted_speeds, without_unmeasured_rows
@@ -244,7 +244,7 @@ def smooth_states(
         if known_line is not None and network is not None:
             from trackfg.smoothing.known_line import on_line
 
-            of_line = on_line(solved, known_line, network, _solved_again(stages))
+            of_line = on_line(solved, known_line, network, _solver(stages))
             solved = of_line.run
         with stages.stage("check"):
             findings = checked.result()
@@ -258,6 +258,15 @@ def smooth_states(
 
 
 def _solved(
+    recording: Recording, offsets: Offsets, config: SmoothConfig, views: list[RailView], stages: _Stages
+) -> SolvedRun:
+    # No local holds the run as it was solved first: arrays of two solutions are too many.
+    run = reassessed(_solved_first(recording, offsets, config, views, stages), _solver(stages), REASSESSORS)
+    run = with_roll_of_mounting(run)
+    return replace(run, config=_with_noise_levels(config, levels(run.declared, run.problem)))
+
+
+def _solved_first(
     recording: Recording, offsets: Offsets, config: SmoothConfig, views: list[RailView], stages: _Stages
 ) -> SolvedRun:
     with stages.stage("graph"):
@@ -276,22 +285,18 @@ def _solved(
         problem = replace(refined, initial=states)
         with stages.stage("solve") as report:
             solution = solve(problem, config.solver, report)
-    run = SolvedRun(config, problem, problem, solution, *_covariance(problem, solution, stages))
-
-    run = with_roll_of_mounting(reassessed(run, _solved_again(stages), REASSESSORS))
-    return replace(run, config=_with_noise_levels(config, levels(run.declared, run.problem)))
+    return SolvedRun(config, problem, problem, solution, *_covariance(problem, solution, stages))
 
 
-def _solved_again(stages: _Stages) -> Callable[[SolvedRun, bool], SolvedRun]:
-    """Return what solves the problem of a run once more, from its initial values, near to or far from the minimum."""
+def _solver(stages: _Stages) -> RunSolver:
+    """Return what solves a problem once more and reports on it."""
 
-    def solved_again(run: SolvedRun, far: bool) -> SolvedRun:
+    def solved(config: SmoothConfig, declared: Problem, problem: Problem, far: bool) -> SolvedRun:
         with stages.stage("solve") as report:
-            solution = solve(run.problem, run.config.solver, report, near=not far)
-        covariance, residuals = _covariance(run.problem, solution, stages)
-        return replace(run, solution=solution, covariance=covariance, residuals=residuals)
+            solution = solve(problem, config.solver, report, near=not far)
+        return SolvedRun(config, declared, problem, solution, *_covariance(problem, solution, stages))
 
-    return solved_again
+    return solved
 
 
 def _with_noise_levels(config: SmoothConfig, levels: dict[str, float]) -> SmoothConfig:

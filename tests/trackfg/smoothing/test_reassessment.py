@@ -4,6 +4,7 @@ from dataclasses import replace
 from typing import Any
 
 from trackfg.config import SmoothConfig
+from trackfg.graph.build import Problem
 from trackfg.recording.findings import Finding
 from trackfg.smoothing.reassessment import Reassessment, Reassessor, SolvedRun, reassessed
 from trackfg.smoothing.smoother import smooth_states
@@ -30,12 +31,12 @@ def test_solves_while_anything_changes_and_keeps_the_last_word(simulated: Any) -
     run = smooth_states(simulated("mainline", duration_s=60.0).recording, SmoothConfig())
     solves: list[bool] = []
 
-    def solved_again(run: SolvedRun, far: bool) -> SolvedRun:
+    def solver(config: SmoothConfig, declared: Problem, problem: Problem, far: bool) -> SolvedRun:
         solves.append(far)
-        return run
+        return replace(run, config=config, declared=declared, problem=problem)
 
     seen: list[float] = []
-    after = reassessed(run, solved_again, [raising(2, seen), silent])
+    after = reassessed(run, solver, [raising(2, seen), silent])
     assert seen == [1.0, 2.0, 4.0]
     assert solves == [False, False]
     assert [finding.code for finding in after.findings] == ["round-3", "silent"]
@@ -45,5 +46,5 @@ def test_solves_while_anything_changes_and_keeps_the_last_word(simulated: Any) -
 def test_a_reassessor_that_never_rests_is_stopped(simulated: Any) -> None:
     run = smooth_states(simulated("mainline", duration_s=60.0).recording, SmoothConfig())
     seen: list[float] = []
-    reassessed(run, lambda run, far: run, [raising(100, seen)])
+    reassessed(run, lambda *problems_and_far: replace(run, problem=problems_and_far[2]), [raising(100, seen)])
     assert len(seen) == 4
