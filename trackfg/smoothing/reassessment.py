@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 from trackfg.config import SmoothConfig
 from trackfg.graph.build import Problem
@@ -49,7 +50,7 @@ class SolvedRun:
     is_changing: bool = False
     """Whether a reassessor has changed the problem since it was solved."""
 
-    @property
+    @cached_property
     def noise_ratios(self) -> dict[str, float]:
         """Actual over assumed noise of each group that can be judged."""
         return ratios_of(self.residuals)

@@ -260,7 +260,7 @@ def smooth_states(
 def _solved(
     recording: Recording, offsets: Offsets, config: SmoothConfig, views: list[RailView], stages: _Stages
 ) -> SolvedRun:
-    # No local holds the run as it was solved first: arrays of two solutions are too many.
+    # A local would keep the first solution's arrays in memory while the graph is solved again.
     run = reassessed(_solved_first(recording, offsets, config, views, stages), _solver(stages), REASSESSORS)
     run = with_roll_of_mounting(run)
     return replace(run, config=_with_noise_levels(config, levels(run.declared, run.problem)))
@@ -280,16 +280,15 @@ def _solved_first(
     refined, states = with_creeping_wheels(problem, solution.states, config), solution.states
     if views:
         refined = with_rail_factors(refined, states, views, config.laser)
-    if refined is not problem:
-        del solution  # its square root is as large as the next one
-        problem = replace(refined, initial=states)
-        with stages.stage("solve") as report:
-            solution = solve(problem, config.solver, report)
-    return SolvedRun(config, problem, problem, solution, *_covariance(problem, solution, stages))
+    if refined is problem:
+        return SolvedRun(config, problem, problem, solution, *_covariance(problem, solution, stages))
+    del solution  # its square root is as large as the next one
+    problem = replace(refined, initial=states)
+    return _solver(stages)(config, problem, problem, True)
 
 
 def _solver(stages: _Stages) -> RunSolver:
-    """Return what solves a problem once more and reports on it."""
+    """Return what solves a problem, with covariances, and reports on it."""
 
     def solved(config: SmoothConfig, declared: Problem, problem: Problem, far: bool) -> SolvedRun:
         with stages.stage("solve") as report:

@@ -46,5 +46,5 @@ def test_solves_while_anything_changes_and_keeps_the_last_word(simulated: Any) -
 def test_a_reassessor_that_never_rests_is_stopped(simulated: Any) -> None:
     run = smooth_states(simulated("mainline", duration_s=60.0).recording, SmoothConfig())
     seen: list[float] = []
-    reassessed(run, lambda *problems_and_far: replace(run, problem=problems_and_far[2]), [raising(100, seen)])
+    reassessed(run, lambda config, declared, problem, far: replace(run, problem=problem), [raising(100, seen)])
     assert len(seen) == 4
