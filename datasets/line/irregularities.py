@@ -24,7 +24,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, lru_cache
 from math import factorial
 from typing import Literal
 
@@ -176,6 +176,7 @@ def _scales(model: IrregularityModel) -> Array:
     return np.array([1.0 if sd is None else (sd / unscaled) ** 2 for sd, unscaled in zip(asked, natural, strict=True)])
 
 
+@lru_cache(maxsize=4)  # those of long waves are large
 def _kernels(model: IrregularityModel) -> Array:
     """Return what turns white noise of variance 1 into the four, by convolution. Shape (odd, 4).
 

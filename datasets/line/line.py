@@ -116,11 +116,12 @@ class Line(Outlined):
 
     def _integrated_tangent(self, start: Array, end: Array) -> Array:
         """Return the vector from ``start`` to ``end`` along the line. Shapes (...) to (..., 3)."""
-        half = 0.5 * (end - start)[..., None]
-        s = 0.5 * (start + end)[..., None] + half * _NODES
+        half = 0.5 * (end - start)
+        s = 0.5 * (start + end) + np.multiply.outer(_NODES, half)
         gamma, yaw = self.grade(s), self.yaw(s)
-        tangent = np.stack([np.cos(gamma) * np.cos(yaw), np.cos(gamma) * np.sin(yaw), np.sin(gamma)])
-        return np.moveaxis(np.sum(half * _WEIGHTS * tangent, axis=-1), 0, -1)
+        along = np.cos(gamma)
+        tangent = np.stack([along * np.cos(yaw), along * np.sin(yaw), np.sin(gamma)])
+        return np.moveaxis(np.sum(np.multiply.outer(_WEIGHTS, half) * tangent, axis=1), 0, -1)
 
 
 @dataclass(frozen=True)

@@ -45,32 +45,31 @@ class SimulatedTrack(Outlined):
     irregularities: Irregularities
     gauge_m: float
 
+    def at(self, s: Array) -> Places:
+        """Return the track at places ``s`` (...): what several of its functions there share is evaluated once."""
+        return Places(self, s)
+
     def centre(self, s: Array) -> Array:
         """Return east, north and up of the centre line, m. Shape (...) to (..., 3)."""
-        level, alignment, _, _ = _columns(self.irregularities.at(s))
-        yaw = self.line.yaw(s)
-        off = np.stack([-alignment * np.sin(yaw), alignment * np.cos(yaw), level], axis=-1)
-        return np.asarray(self.line.position(s) + off)
+        return self.at(s).centre
 
     def rpy(self, s: Array) -> Array:
         """Return roll, pitch and yaw of the track, rad. Shape (...) to (..., 3)."""
-        return _Places(self, s).rpy
+        return self.at(s).rpy
 
     def rpy_slopes(self, s: Array) -> Array:
         """Return derivatives of :meth:`rpy` by ``s``, rad/m; at a kink of the line, those to its right. (...) to (...,
         3).
         """
-        return _Places(self, s).rpy_slopes
+        return self.at(s).rpy_slopes
 
     def cross_level(self, s: Array) -> Array:
         """Return height of the left rail over the right one on the cross-level base, m. Shape (...) to (...)."""
-        return np.asarray(self.line.cross_level_base_m * _Places(self, s).roll_sine)
+        return self.at(s).cross_level
 
     def rail(self, s: Array, side: Side, line: Literal["top", "edge"] = "top") -> Array:
         """Return east, north and up of a rail's top or running edge, m. Shape (...) to (..., 3)."""
-        places = _Places(self, s)
-        width = self.line.cross_level_base_m if line == "top" else places.gauge[..., None]
-        return self.centre(s) + 0.5 * _SIGN[side] * width * _axle(*_columns(places.rpy))
+        return self.at(s).rail(side, line)
 
     def heading_deviations(self, s: Array) -> Array:
         """Return how far the paths of the centre line, the left and the right running edge turn from the designed
@@ -78,7 +77,7 @@ class SimulatedTrack(Outlined):
 
         Positive to the left, rad; small, so that they can be integrated over any distance. Shape (...) to (..., 3).
         """
-        places = _Places(self, s)
+        places = self.at(s)
         tangent = np.stack(places.tangent, axis=-1)
         delta = np.arctan2(tangent[..., 1], tangent[..., 0])
         roll, pitch, _ = _columns(places.rpy)
@@ -91,14 +90,14 @@ class SimulatedTrack(Outlined):
 
     def tangent(self, s: Array) -> tuple[Array, Array, Array]:
         """Return ``t``, the derivative of the centre line: forward, left, up of the designed heading. Shapes (...)."""
-        return _Places(self, s).tangent
+        return self.at(s).tangent
 
     def reversed(self) -> SimulatedTrack:
         """Return the same track to who comes from its other end; its ENU has its origin there."""
         return SimulatedTrack(self.line.reversed(), self.irregularities.reversed(), self.gauge_m)
 
 
-class _Places:
+class Places:
     """A track at places ``s`` (...): irregularities, which take the most time, and what follows are evaluated once."""
 
     def __init__(self, track: SimulatedTrack, s: Array) -> None:
@@ -120,6 +119,24 @@ class _Places:
         d_level, d_alignment, _, _ = _columns(self.irregular_slopes)
         forward = np.cos(self._gamma) - self.irregular[..., 1] * self._curvature
         return forward, d_alignment, np.sin(self._gamma) + d_level
+
+    @cached_property
+    def centre(self) -> Array:
+        """Return east, north and up of the centre line, m. Shape (..., 3)."""
+        level, alignment, _, _ = _columns(self.irregular)
+        yaw = self._track.line.yaw(self._s)
+        off = np.stack([-alignment * np.sin(yaw), alignment * np.cos(yaw), level], axis=-1)
+        return np.asarray(self._track.line.position(self._s) + off)
+
+    def rail(self, side: Side, line: Literal["top", "edge"] = "top") -> Array:
+        """Return east, north and up of a rail's top or running edge, m. Shape (..., 3)."""
+        width = self._track.line.cross_level_base_m if line == "top" else self.gauge[..., None]
+        return self.centre + 0.5 * _SIGN[side] * width * self._across
+
+    @property
+    def cross_level(self) -> Array:
+        """Return height of the left rail over the right one on the cross-level base, m. Shape (...)."""
+        return np.asarray(self._track.line.cross_level_base_m * self.roll_sine)
 
     @cached_property
     def roll_sine(self) -> Array:
@@ -162,6 +179,11 @@ class _Places:
         dd_level, dd_alignment, _, _ = _columns(self._track.irregularities.at(self._s, 2))
         bend = d_alignment * self._curvature + alignment * line.curvature(self._s, 1)
         return -np.sin(gamma) * d_gamma - bend, dd_alignment, np.cos(gamma) * d_gamma + dd_level
+
+    @cached_property
+    def _across(self) -> Array:
+        """Return the axle's direction. Shape (..., 3)."""
+        return _axle(*_columns(self.rpy))
 
     @cached_property
     def _gamma(self) -> Array:

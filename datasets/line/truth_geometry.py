@@ -136,21 +136,20 @@ def _facing_chainage(track: SimulatedTrack, origin: float, direction: int, s_fro
     chainage = STEP_M * np.arange(first, last + 1, dtype=np.float64)
     s = np.asarray((direction * (chainage - origin))[::direction])
     line = track.line
-    rpy = track.rpy(s)
-    cross_level = track.cross_level(s)
+    places = track.at(s)
+    rpy, cross_level = places.rpy, places.cross_level
     # At a half base along the axle, whose height is cos(pitch) sin(roll).
     half = 0.5 * np.cos(rpy[:, 1]) * cross_level
-    height = track.centre(s)[:, 2, None] + np.stack([np.zeros(len(s)), half, -half], axis=-1)
+    height = places.centre[:, 2, None] + np.stack([np.zeros(len(s)), half, -half], axis=-1)
     cells = STEP_M * np.mean(track.heading_deviations(s[:-1, None] + STEP_M * _NODES), axis=1)
     lateral = np.concatenate([np.zeros((1, 3)), np.cumsum(cells, axis=0)])
     lateral += line.curvature.antiderivative(2)(s)[:, None]
-    gauge = track.gauge_m + track.irregularities.at(s)[:, 3]
     if direction == 1:
-        return _Paths(chainage, rpy[:, 2], cross_level, gauge, height, lateral)
+        return _Paths(chainage, rpy[:, 2], cross_level, places.gauge, height, lateral)
     # Who faces the other way has left on the right, and so the rails change places. Height stays, and heading turns by
     # a constant, which no column sees.
     swapped = [0, 2, 1]
-    turned = rpy[::-1, 2], -cross_level[::-1], gauge[::-1], height[::-1, swapped], -lateral[::-1, swapped]
+    turned = rpy[::-1, 2], -cross_level[::-1], places.gauge[::-1], height[::-1, swapped], -lateral[::-1, swapped]
     return _Paths(chainage, *turned)
 
 

@@ -153,13 +153,13 @@ class _Rails:
         first = np.floor((s.min() + min(ahead, default=0.0)) / STEP_M) - _MARGIN
         last = np.ceil((s.max() + max(ahead, default=0.0)) / STEP_M) + _MARGIN
         places = STEP_M * np.arange(first, last + 1.0)
-        chunks = [places[i : i + _CHUNK] for i in range(0, len(places), _CHUNK)]
-        pairs = dict.fromkeys((model.rail, model.line) for model in models)
-        points: dict[tuple[str, str], Array] = {
-            (rail, line): np.concatenate([track.rail(chunk, rail, line).T for chunk in chunks], axis=1)
-            for rail, line in pairs
-        }
-        return cls(float(places[0]), points)
+        pairs = list(dict.fromkeys((model.rail, model.line) for model in models))
+        chunks = []
+        for i in range(0, len(places), _CHUNK):
+            stretch = track.at(places[i : i + _CHUNK])
+            chunks.append([stretch.rail(rail, line).T for rail, line in pairs])
+        points = (np.concatenate(parts, axis=1) for parts in zip(*chunks, strict=True))
+        return cls(float(places[0]), dict(zip(pairs, points, strict=True)))
 
     def around(self, model: LaserModel, s: Array) -> tuple[Array, Array]:
         """The four points around each place, (3, 4, n), and where between the middle two it is, 0 to 1."""

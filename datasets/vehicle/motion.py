@@ -88,7 +88,7 @@ class DrivenMotion:
         index = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count) + first[piece]
         lower, upper = self.breaks_s[piece], self.breaks_s[piece + 1]
         rising = ends[piece + 1] > ends[piece]
-        for _ in range(60):
+        for _ in range(60 if len(piece) else 0):
             middle = 0.5 * (lower + upper)
             later = (self.distance(middle) < places[index]) == rising
             lower, upper = np.where(later, middle, lower), np.where(later, upper, middle)
