@@ -266,7 +266,7 @@ _GRAPH = (
         ("tests/trackfg/graph/test_motion.py", "tests/trackfg/graph/test_odometry.py"),
         (
             _one("drift counts from the start of the clock", "at - inputs.clock_origin", "at"),
-            _one("creep per force does not depend on how long the interval is", "** 2 / inputs.durations", "** 2"),
+            _one("creep per force does not depend on how long the interval is", "** 2 / duration", "** 2"),
         ),
     ),
     Part(

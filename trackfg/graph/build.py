@@ -38,6 +38,7 @@ from trackfg.graph.gtsam_export import GtsamProblem, exported
 from trackfg.graph.inertial import own_bias_walk, preintegrated, tilt
 from trackfg.graph.inputs import GraphInputs, World, world_of
 from trackfg.graph.keyframes import place_keyframes
+from trackfg.graph.miscount import with_miscount
 from trackfg.graph.motion import motion
 from trackfg.graph.odometry import odometer
 from trackfg.graph.positions import positions
@@ -208,7 +209,7 @@ def build_problem(
     world = world_of(recording)
     wheel = read_wheel(recording, config.tach.max_gap_s)
     if wheel is not None and steps:
-        wheel = _with_noise(at_steps(wheel), data, config)
+        wheel = _with_noise(at_steps(wheel), data, world.gravity, config)
     speedless = wheel is None and recording.gnss is None and not measures_speed(recording)
     floor = NoiseFloor.of(data)
     rests, path, rolls, wheel = _first_pass(recording, config, world, data, floor, wheel, speedless)
@@ -302,9 +303,14 @@ def _first_pass(
     return rests, path, wheel_rolling, wheel
 
 
-def _with_noise(wheel: Wheel, data: Intervals, config: SmoothConfig) -> Wheel:
-    """Return the wheel with the noise of a speed signal as its rows show it, unless the settings give it."""
-    if not wheel.integrates_speed or config.tach.speed_noise_mps > 0.0:
+def _with_noise(wheel: Wheel, data: Intervals, gravity: float, config: SmoothConfig) -> Wheel:
+    """Return the wheel with the noise of a speed signal, or the errors of a count, as its rows show them.
+
+    A noise that the settings give stays.
+    """
+    if not wheel.integrates_speed:
+        return with_miscount(wheel, data, gravity, config)
+    if config.tach.speed_noise_mps > 0.0:
         return wheel
     noise = speed_noise(wheel, data)
     return wheel if noise is None else wheel.with_speed_noise(noise)

@@ -28,6 +28,7 @@ from trackfg.factors.prior import prior
 from trackfg.factors.states import Kind
 from trackfg.graph.gnss_speeds import OFFSET_SD_MPS, gnss_speeds
 from trackfg.graph.inputs import GraphInputs
+from trackfg.graph.miscount import with_miscount
 from trackfg.graph.odometry import creep_variance, response_of_wheels
 from trackfg.graph.wheel_slip import rolling
 from trackfg.numerics.arrays import Array
@@ -36,7 +37,7 @@ from trackfg.numerics.spans import median_interval
 from trackfg.recording.canonical import pulse_m
 from trackfg.recording.description import FurtherTach, GnssSpeed, RecordingDescription, Speed, Table, Tach
 from trackfg.recording.model import GNSS_SPEED_TABLE, TACH_COLUMNS, Recording
-from trackfg.sensors.tach import SPEED_NOISE_MPS, Wheel, longest_silence_s, read_resolution
+from trackfg.sensors.tach import Wheel, longest_silence_s, read_resolution
 
 BEFORE_S = 1.0
 """Rows this much older than an interval (s) determine how far apart rows usually are."""
@@ -132,15 +133,17 @@ def _tach(inputs: GraphInputs, sensor: FurtherSensor) -> Family:
         "faster": way * np.diff(rate)[k],
         "response": response_of_wheels(inputs)[k],
     }
-    variance = creep_variance(inputs)[k] + (reading_sd[1:] ** 2 + reading_sd[:-1] ** 2)[k]
-    if part.integrates_speed:
-        variance = variance + (config.tach.speed_noise_mps or SPEED_NOISE_MPS) ** 2 * inputs.durations[k]
+    wheel = Wheel(t, distance, _rounding_sd(part, t, distance), 0.0, part.integrates_speed, np.zeros((0, 2)))
+    whole = not inputs.recording.imu.empty and k.size > 0  # else one interval of a stream
+    if whole and not part.integrates_speed:
+        wheel = with_miscount(wheel, inputs.data, inputs.world.gravity, config)
+    variance = creep_variance(inputs) + (reading_sd[1:] ** 2 + reading_sd[:-1] ** 2)
+    variance = (variance + wheel.variance_gained(at, config.tach.speed_noise_mps))[k]
     sigma = np.sqrt(variance)[:, None] * config.noise.tach
     loss = SwitchChain(config.tach.robust_width, config.keyframes.interval_s)
     family = tach_increment(k, sensor.variable, measured, sigma, loss, sensor.name)
-    if inputs.recording.imu.empty or not k.size:  # one interval of a stream: its window doubts the wheel by itself
+    if not whole:  # the window of a stream doubts the wheel by itself
         return family
-    wheel = Wheel(t, distance, _rounding_sd(part, t, distance), 0.0, part.integrates_speed, np.zeros((0, 2)))
     wheel_rolling = rolling(wheel, inputs.data, inputs.floor, inputs.path, inputs.rests, inputs.world.gravity, config)
     return replace(family, doubtful=wheel_rolling.slips_within(at)[k])
 

@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from trackfg.config import TachConfig
 from trackfg.factors.family import Family
 from trackfg.factors.loss import SwitchChain
 from trackfg.factors.odometry import (
@@ -72,10 +73,8 @@ def tach_factors(inputs: GraphInputs) -> list[Family]:
     if inputs.wheel is None:
         nothing = np.zeros((k.size, Kind.WHEEL.dim))
         return [tach_distance(k, nothing, np.full((k.size, 1), ANY_DISTANCE_SD_M), loss)]
-    variance = creep_variance(inputs)
-    if inputs.wheel.integrates_speed:
-        moving = _moving(inputs)
-        variance = variance + inputs.wheel.speed_variance(inputs.t, config.speed_noise_mps) * moving
+    gained = inputs.wheel.variance_gained(inputs.t, config.speed_noise_mps) * _moving(inputs)
+    variance = creep_variance(inputs) + gained
     silent = ~(inputs.wheel.covers(inputs.t[:-1]) & inputs.wheel.covers(inputs.t[1:]))
     unknown = ~inputs.wheel.counts(inputs.t) | (silent & inputs.wheel.integrates_speed)
     variance = np.where(unknown, ANY_DISTANCE_SD_M**2, variance)
@@ -92,11 +91,15 @@ def tach_factors(inputs: GraphInputs) -> list[Family]:
 
 def creep_variance(inputs: GraphInputs) -> Array:
     """Return the variance of the distance that a wheel rolls in each interval, m^2, shape (n - 1,)."""
-    config, distance = inputs.config.tach, np.abs(inputs.distance)
     force = inputs.mean_accel[:, 0] / inputs.world.gravity
+    return creep_variance_over(np.abs(inputs.distance), force, inputs.durations, inputs.config.tach)
+
+
+def creep_variance_over(distance: Array, force: Array, duration: Array | float, config: TachConfig) -> Array:
+    """Return the same over distances (m,), m, with mean forward forces (m,), g, that take ``duration``, s."""
     return np.asarray(
         config.creep_m_per_sqrt_m**2 * (distance + ROLLED_AT_REST_M)
-        + creep_sd(config.creep_per_traction, distance * force) ** 2 / inputs.durations
+        + creep_sd(config.creep_per_traction, distance * force) ** 2 / duration
     )
 
 

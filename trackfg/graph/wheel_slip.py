@@ -164,11 +164,10 @@ def _evidence(
 ) -> _Evidence:
     rolled = np.diff(wheel.at(t))
     creep = np.hypot(_CREEP * rolled, creep_sd(config.tach.creep_per_traction, rolled * forward.force / gravity))
-    if wheel.integrates_speed:
-        noise = wheel.speed_variance(t, config.tach.speed_noise_mps)
-    else:
+    noise = wheel.variance_gained(t, config.tach.speed_noise_mps)
+    if not wheel.integrates_speed:
         rounding = wheel.reading_sd(t)
-        noise = rounding[1:] ** 2 + rounding[:-1] ** 2
+        noise = noise + (rounding[1:] ** 2 + rounding[:-1] ** 2)
     late = config.tach.clock_offset_sd_s * forward.acceleration * _STEP_S
     sigma = np.sqrt(creep**2 + noise + late**2) * config.noise.tach
     sigma[~(wheel.covers(t[1:]) & wheel.covers(t[:-1]))] = _SILENT_SD_M

@@ -98,7 +98,7 @@ def wheel_excess(sources: EventSources, states: States, trajectory: pd.DataFrame
     explained = np.concatenate([[0.0], np.cumsum(rolled.data["response"] @ states.wheel[0])])
     rate = _rate(t, excess - np.interp(t, sources.t, explained))
     known = wheel.covers(t - 0.5 * _WINDOW_S) & wheel.covers(t + 0.5 * _WINDOW_S)
-    count_sd = _count_sd(wheel, _speed_noise(wheel, rolled, sources.t), _WINDOW_S)
+    count_sd = _count_sd(wheel, _noise_density(wheel, rolled, sources.t), _WINDOW_S)
     noise = np.hypot(count_sd / _WINDOW_S, np.interp(t, at, trajectory["speed_mps_sd"]))
     return Excess(t, excess, rate, np.abs(_rate(t, distance)), noise, known)
 
@@ -112,7 +112,7 @@ def slip_events(
     if wheel is None or rolled is None or grown is None:
         return []
     t, excess, rate, speed = grown.t, grown.excess, grown.rate, grown.speed
-    density = _speed_noise(wheel, rolled, sources.t)
+    density = _noise_density(wheel, rolled, sources.t)
     events = []
     for way in _WAYS:
         for i, j in grown.spans(way):
@@ -167,9 +167,10 @@ def _moved_variance(sources: EventSources, states: States, covariance: Covarianc
     return max(float(variance), 0.0)
 
 
-def _speed_noise(wheel: Wheel, rolled: Family, t: Array) -> float:
-    """Return how fast the variance of a distance integrated from speeds grows (m^2/s); 0 for a count."""
-    return float(np.median(rolled.sigma[:, 0] ** 2 / np.diff(t))) if wheel.integrates_speed else 0.0
+def _noise_density(wheel: Wheel, rolled: Family, t: Array) -> float:
+    """Return how fast the variance of a noisy distance grows (m^2/s); 0 for a count that misses nothing."""
+    noisy = wheel.integrates_speed or wheel.grown is not None
+    return float(np.median(rolled.sigma[:, 0] ** 2 / np.diff(t))) if noisy else 0.0
 
 
 def _count_sd(wheel: Wheel, density: float, duration_s: float) -> float:

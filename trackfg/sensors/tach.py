@@ -20,7 +20,7 @@ from trackfg.numerics.spans import median_interval, true_runs, within
 from trackfg.recording.model import IMU_COLUMNS, Recording
 from trackfg.sensors.tach_rows import rows_are_pulses, tach_quantum_m
 
-SPEED_NOISE_MPS = 0.1
+_SPEED_NOISE_MPS = 0.1
 """Noise of a speed signal where neither the settings nor its rows determine it, m/s in 1 s: a tenth of a second's speed
 in whole km/h.
 """
@@ -52,8 +52,9 @@ class Wheel(Outlined):
     was rolled in the spans ``uncounted`` (u, 2), s, is not in the distance.
 
     A ``coarse`` tach was read at its steps (:mod:`trackfg.sensors.tach_steps`), and has the 1-sigma of a reading
-    between each two rows, ``reading_sds`` (n - 1,), m. A speed signal whose noise is known has ``grown`` (n,), m^2: the
-    variance of its integral up to each row, and ``offset_sd_mps``: by how much it may be off in motion, m/s.
+    between each two rows, ``reading_sds`` (n - 1,), m. A speed signal whose noise is known, or a count that misses
+    pulses, has ``grown`` (n,), m^2: the variance of its distance up to each row, besides rounding. ``offset_sd_mps`` is
+    by how much a speed signal may be off in motion, m/s.
     """
 
     t: Array
@@ -87,19 +88,33 @@ class Wheel(Outlined):
         interval = np.searchsorted(self.t, t, side="right") - 1
         return np.asarray(self.reading_sds[np.clip(interval, 0, len(self.reading_sds) - 1)])
 
-    def speed_variance(self, t: Array, noise_mps: float) -> Array:
-        """Return the variance of the integrated speed between neighbouring times (m,), m^2, shape (m - 1,).
+    @property
+    def miscount(self) -> float:
+        """The density of the errors of a count besides its rounding, m in sqrt(1 m); 0 for a speed signal."""
+        if self.grown is None or self.integrates_speed:
+            return 0.0
+        return float(np.sqrt((self.grown[-1] - self.grown[0]) / np.sum(np.abs(np.diff(self.distance)))))
 
-        ``noise_mps``, m/s in 1 s, is as the settings give it; 0 where the rows determine it as far as they can.
+    def variance_gained(self, t: Array, speed_noise_mps: float) -> Array:
+        """Return the variance that the distance gains between neighbouring times (m,), m^2, shape (m - 1,).
+
+        ``speed_noise_mps``, m/s in 1 s, is what the settings give a speed signal; 0 where the rows determine it as far
+        as they can.
         """
-        if noise_mps == 0.0 and self.grown is not None:
+        if self.grown is not None and not (self.integrates_speed and speed_noise_mps > 0.0):
             return np.diff(np.interp(t, self.t, self.grown))
-        return np.asarray((noise_mps or SPEED_NOISE_MPS) ** 2 * np.diff(t))
+        density = (speed_noise_mps or _SPEED_NOISE_MPS) if self.integrates_speed else 0.0
+        return np.asarray(density**2 * np.diff(t))
 
     def with_speed_noise(self, noise_mps: float) -> Wheel:
         """Return the same with white noise of the speed, m/s in 1 s, besides what is known of it."""
         variance = np.zeros(len(self.t)) if self.grown is None else self.grown
         return replace(self, grown=variance + noise_mps**2 * (self.t - self.t[0]))
+
+    def with_miscount(self, density: float) -> Wheel:
+        """Return the same with independent errors of the count, m in sqrt(1 m)."""
+        way = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(self.distance)))])
+        return replace(self, grown=density**2 * way)
 
     def standing(self, rests: Array) -> Wheel:
         """Return the same without what the noise of a speed signal adds up to in rests (r, 2), s."""

@@ -38,6 +38,7 @@ from trackfg.numerics.arrays import Array
 from trackfg.numerics.chi_square import exceeds_chance
 from trackfg.recording.findings import Finding
 from trackfg.sensors.imu_noise import WhiteNoise
+from trackfg.sensors.tach import Wheel
 from trackfg.smoothing.reassessment import Reassessment, SolvedRun
 from trackfg.solver.variance_components import GROUPS, Residuals, walk_residuals
 
@@ -253,6 +254,21 @@ def lowered_levels(noise: WhiteNoise, declared: tuple[float, float]) -> tuple[Fi
         )
         for name, density, of in zip(("gyro", "accel"), least.tolist(), declared, strict=True)
         if density * FAR_OFF < of
+    )
+
+
+def miscounted(wheel: Wheel | None, declared: float) -> tuple[Finding, ...]:
+    """Return whether the count of the wheel has errors far above the creep that is ``declared``, m in sqrt(1 m)."""
+    if wheel is None or wheel.miscount < FAR_OFF * declared:
+        return ()
+    return (
+        Finding(
+            level="info",
+            code="noise-level-raised",
+            message=f"count of the wheel: its errors add up to {wheel.miscount:.2g} m in sqrt(1 m), "
+            f"{wheel.miscount / declared:.0f} times what is declared, and sigmas are of that",
+            hint="look for pulses that are missed or counted twice: a loose pick-up, a worn wheel",
+        ),
     )
 
 

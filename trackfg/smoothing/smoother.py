@@ -57,7 +57,7 @@ from trackfg.smoothing.fixes.balise_fixes import balise_findings, with_balise_fi
 from trackfg.smoothing.fixes.wrong_fixes import with_consensus
 from trackfg.smoothing.imu_clock_jumps import without_imu_clock_jumps
 from trackfg.smoothing.late_clocks import Offsets, gnss_moved_s, solved_in_time, with_gnss_in_time, with_offsets
-from trackfg.smoothing.noise_levels import levels, lowered_levels, noise_findings
+from trackfg.smoothing.noise_levels import levels, lowered_levels, miscounted, noise_findings
 from trackfg.smoothing.rail_ties import with_rail_factors
 from trackfg.smoothing.reassessment import RunSolver, SolvedRun, reassessed
 from trackfg.smoothing.reassessors import REASSESSORS
@@ -250,8 +250,9 @@ def smooth_states(
             findings = checked.result()
             doubts = (*recording_doubts(recording, findings), *solved.doubts)
     better = lowered_levels(solved.declared.run.noise, declared_noise(recording.description, config))
+    miscount = miscounted(solved.problem.wheel, config.tach.creep_m_per_sqrt_m)
     of_solution = with_antenna_named(solved.findings, recording.description.gnss)
-    solved = replace(solved, findings=(*findings, *better, *of_solution), doubts=doubts)
+    solved = replace(solved, findings=(*findings, *better, *miscount, *of_solution), doubts=doubts)
     smoothed = replace(_with_tables(recording, views, stages, solved, feature_map), on_line=of_line)
     with stages.stage("covariance"):
         return replace(smoothed, verdicts=judged(smoothed, smoothed.geometry))

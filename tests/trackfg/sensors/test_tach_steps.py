@@ -88,7 +88,7 @@ def test_a_speed_that_stays_is_off_by_the_same_all_the_time() -> None:
         [np.repeat(np.arange(10.0, 20.0), 5), np.full(500, 20.0), np.repeat(np.arange(21.0, 30.0), 5)]
     )
     wheel = at_steps(speedometer(0.2 * np.arange(len(shown)), shown * KMH))
-    constant = np.sqrt(wheel.speed_variance(np.array([10.0, 110.0]), 0.0))
+    constant = np.sqrt(wheel.variance_gained(np.array([10.0, 110.0]), 0.0))
     assert constant.item() == pytest.approx(100.0 * KMH / np.sqrt(12.0), rel=0.05)
-    changing = np.sqrt(wheel.speed_variance(np.array([0.0, 9.0]), 0.0))
+    changing = np.sqrt(wheel.variance_gained(np.array([0.0, 9.0]), 0.0))
     assert changing.item() < 0.2
