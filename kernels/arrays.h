@@ -108,6 +108,7 @@ PyObject *quantities(PyObject *, PyObject *arguments);
 PyObject *trajectory_rows(PyObject *, PyObject *arguments);
 PyObject *hermite_at(PyObject *, PyObject *arguments);
 PyObject *switch_chain(PyObject *, PyObject *arguments);
+PyObject *cauchy_fit(PyObject *, PyObject *arguments);
 PyObject *spill(PyObject *, PyObject *arguments);
 PyObject *unspill(PyObject *, PyObject *arguments);
 

@@ -27,6 +27,7 @@ static PyMethodDef methods[] = {
     {"trajectory_rows", trajectory_rows, METH_VARARGS, "Compute rows of a trajectory with their sigmas."},
     {"hermite_at", hermite_at, METH_VARARGS, "Evaluate cubics."},
     {"switch_chain", switch_chain, METH_VARARGS, "Find the states of a chain of switches."},
+    {"cauchy_fit", cauchy_fit, METH_VARARGS, "Fit coefficients by robust least squares."},
     {"spill", spill, METH_VARARGS, "Lay large arrays beyond a budget into a file."},
     {"unspill", unspill, METH_VARARGS, "Leave arrays to another handler of memory again."},
     {nullptr, nullptr, 0, nullptr},
@@ -39,7 +40,7 @@ static PyModuleDef definition = {
 PyMODINIT_FUNC PyInit_compiled() {
     PyObject *module = PyModule_Create(&definition);
     // Raised by one whenever a function's arguments change, so that a build of older sources is not called.
-    if (module != nullptr && (PyModule_AddIntConstant(module, "REVISION", 14) != 0 ||
+    if (module != nullptr && (PyModule_AddIntConstant(module, "REVISION", 15) != 0 ||
                               PyModule_AddIntConstant(module, "DELTA_SIZE", DELTA_SIZE) != 0)) {
         Py_DECREF(module);
         return nullptr;

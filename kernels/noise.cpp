@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "arrays.h"
+#include "median.h"
 #include "samples.h"
 
 namespace {
@@ -21,16 +22,6 @@ struct Limits {
     double scatter, euler, same, longer, extremes, fine_steps, near_extreme, shock_spread, pause_s, shock_s, shock_limit;
 };
 static_assert(NOISE_LIMITS == sizeof(Limits) / sizeof(double));
-
-// As numpy has it: the mean of the middle two of an even number, and no number of those that are not all numbers.
-double median(std::vector<double> &values) {
-    const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-    for (const double value : values)
-        if (std::isnan(value)) return value;
-    std::nth_element(values.begin(), middle, values.end());
-    if (values.size() % 2 == 1) return *middle;
-    return 0.5 * (*std::max_element(values.begin(), middle) + *middle);
-}
 
 // Spectra of blocks of one length.
 class Spectrum {

@@ -58,6 +58,16 @@ def predict_interval(
     results: tuple[Array, ...],
     /,
 ) -> None: ...
+def cauchy_fit(
+    rows: Array,
+    right: Array,
+    precision: Array,
+    least_sd: float,
+    per_value: float,
+    limits: Array,
+    out: Array,
+    /,
+) -> bool: ...
 def noise_floor(
     edges: Array,
     gyro: Array,

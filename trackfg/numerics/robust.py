@@ -7,6 +7,7 @@ import math
 import numpy as np
 
 from trackfg.numerics.arrays import Array
+from trackfg.numerics.kernels import compiled_kernels, kernel_argument
 
 _CAUCHY = 2.385
 """Residual, in sigmas, at which Cauchy's weight is a half: it has 95 % of the efficiency of plain squares (Zhang,
@@ -22,6 +23,9 @@ sigma where each moves them by nine tenths of the one before at most."""
 SD_PER_MAD = 1.4826
 """Standard deviation of a normal variable over its median absolute deviation, 1/Phi^-1(3/4), to four digits (Hampel,
 Journal of the American Statistical Association 69, 1974)."""
+
+_LIMITS = np.array([_CAUCHY, _SETTLED, _ROUNDS, SD_PER_MAD])
+"""As ``kernels/robust.cpp`` has them."""
 
 
 def median(x: Array) -> float:
@@ -60,12 +64,18 @@ def cauchy_fit(
     anything. Residuals have their own level, ``least_sd`` at least, in the unit of ``right``; ``per_value`` of them
     that follow each other are one independent value.
     """
+    precision = np.asarray(1.0 / np.square(prior_sd), dtype=np.float64)
+    if compiled_kernels():
+        from trackfg.numerics import compiled
+
+        fit, arguments = np.empty((2, rows.shape[1])), [kernel_argument(part) for part in (rows, right, precision)]
+        if compiled.cauchy_fit(arguments[0], arguments[1], arguments[2], least_sd, per_value, _LIMITS, fit):
+            return fit[0], fit[1]
     off, weight, coefficients = right, np.ones(len(rows)), np.full(rows.shape[1], np.nan)
-    precision = np.diag(1.0 / np.square(prior_sd))
     for _ in range(_ROUNDS):
         level = max(robust_sd(off - median(off)), least_sd)
         weighted = rows.T * weight / (per_value * level**2)
-        information = weighted @ rows + precision
+        information = weighted @ rows + np.diag(precision)
         solution = np.asarray(np.linalg.solve(information, weighted @ right), dtype=np.float64)
         step, coefficients = solution - coefficients, solution
         if step @ information @ step < _SETTLED**2:

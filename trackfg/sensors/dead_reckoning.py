@@ -11,6 +11,7 @@ Everything is array operations: no loop over time.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 from scipy.linalg import solve_banded
@@ -98,20 +99,29 @@ def _low_pass(x: Array) -> Array:
     Away from the ends that is the first-order filter run both ways. At the ends lines still pass as they are, such as a
     constant bias of the gyro makes, and no single sample, each with its errors, decides how they go on.
     """
+    t, s0, s1, s2 = _moments(len(x))
+    x0 = _weighted(x)
+    x1 = _weighted(t * x) - t * x0
+    return np.asarray((s2 * x0 - s1 * x1) / (s2 * s0 - s1 * s1))
+
+
+@lru_cache(maxsize=1)
+def _moments(count: int) -> tuple[Array, Array, Array, Array]:
+    """Return the times (n, 1) of samples, in crossovers, and the weighted sums around each of the powers 0, 1 and 2 of
+    the time from there, (n, 1). The passes over a run have them in common.
+    """
+    t: Array = _GRID_S / _CROSSOVER_S * np.arange(count, dtype=np.float64)[:, None]
+    by_one, by_t, by_t2 = _weighted(np.ones_like(t)), _weighted(t), _weighted(t * t)
+    return t, by_one, by_t - t * by_one, by_t2 - 2.0 * t * by_t + t * t * by_one
+
+
+def _weighted(x: Array) -> Array:
+    """Return the sums of x (n, c) with weights ``exp(-|s| / crossover)`` around each sample."""
     decay = np.exp(-_GRID_S / _CROSSOVER_S)
     recursion = np.stack([np.ones(len(x)), np.full(len(x), -decay)])  # y_k - decay y_{k-1} = x_k, as a banded system
-
-    def weighted(y: Array) -> Array:
-        forward = solve_banded((1, 0), recursion, y)
-        backward = solve_banded((1, 0), recursion, y[::-1])[::-1]
-        return np.asarray(forward + backward - y)
-
-    t: Array = _GRID_S / _CROSSOVER_S * np.arange(len(x), dtype=np.float64)[:, None]
-    by_one, by_t, by_t2 = weighted(np.ones_like(t)), weighted(t), weighted(t * t)
-    s1, s2 = by_t - t * by_one, by_t2 - 2.0 * t * by_t + t * t * by_one
-    x0 = weighted(x)
-    x1 = weighted(t * x) - t * x0
-    return np.asarray((s2 * x0 - s1 * x1) / (s2 * by_one - s1 * s1))
+    forward = solve_banded((1, 0), recursion, x)
+    backward = solve_banded((1, 0), recursion, x[::-1])[::-1]
+    return np.asarray(forward + backward - x)
 
 
 def _speed(recording: Recording, wheel: Wheel | None, t: Array) -> tuple[Array, Array]:

@@ -166,6 +166,7 @@ _CALLS = (
     Call(compiled.linear_rows, _PATH),
     Call(compiled.marginal_prior, _PAST),
     Call(compiled.switch_chain, _CHAIN),
+    Call(compiled.cauchy_fit, (np.eye(4, 2), np.arange(4.0), np.ones(2), 0.1, 1.0, np.ones(4), np.zeros((2, 2)))),
     Call(compiled.triangle, (np.ones((3, 5)), np.zeros((3, 5)))),
     Call(compiled.retract, _RETRACTED),
     Call(compiled.step_from, _STEPPED),
