@@ -25,6 +25,7 @@ import io
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -71,6 +72,12 @@ _FAULTS = (ValueError, TypeError, KeyError, ArithmeticError, OSError)
 RESULT_FOLDER = FolderKind("result", _SUMMARY, "trackfg-result/", FILES, OPTIONAL_FILES)
 
 
+@cache
+def _no_balises() -> pd.DataFrame:
+    """Return the table without rows that results have copies of: to make one takes longer than to fill it."""
+    return pd.DataFrame({name: pd.Series(dtype=kind) for name, kind in _BALISE_TYPES.items()})
+
+
 @dataclass(frozen=True, repr=False)
 class Result(KeyFigures):
     """The smoothed run, or a geometry that another system measured, which has no trajectory and no solver.
@@ -100,7 +107,7 @@ class Result(KeyFigures):
     """What the solver did, what the sigmas are worth, calibration."""
     covariance: PlaceCovariance = field(default_factory=PlaceCovariance.none)
     """Joint covariance of chainage and cross-level errors along the run."""
-    balises: pd.DataFrame = field(default_factory=lambda: pd.DataFrame(columns=[*_BALISE_TYPES]).astype(_BALISE_TYPES))
+    balises: pd.DataFrame = field(default_factory=lambda: _no_balises().copy())
     """A row per balise that was passed."""
     passages: BalisePassages = field(default_factory=BalisePassages.none)
     """What a survey by several runs needs of the passages."""

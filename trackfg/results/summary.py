@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import platform
 from datetime import UTC, datetime
+from functools import cache
 from importlib.metadata import version
 from typing import Annotated, Literal
 
@@ -243,6 +244,10 @@ class Summary(Model):
 
 def versions() -> dict[str, str]:
     """Return the versions that a result depends on, and whether ``kernels`` were ``compiled`` or ``numpy``."""
-    packages = ("trackfg", "gtsam", "numpy", "scipy", "pandas")
-    about = {name: version(name) for name in packages}
-    return {"python": platform.python_version(), **about, "kernels": kernels_in_use()}
+    return {"python": platform.python_version(), **_installed(), "kernels": kernels_in_use()}
+
+
+@cache
+def _installed() -> dict[str, str]:
+    """Return the versions of packages: what is installed says so in texts of hundreds of lines, which are read once."""
+    return {name: version(name) for name in ("trackfg", "gtsam", "numpy", "scipy", "pandas")}
