@@ -761,3 +761,25 @@ def test_an_accelerometer_of_other_signs_is_asked_for(drive: Drive, tmp_path: Pa
     assert "imu.accel_signs" in keys
     assert recording.description.imu.axes == "FLU"
     _is_of(recording, drive, dated=False)
+
+
+@pytest.mark.parametrize(("own_rate", "question_default"), [(True, "yes"), (False, "no")])
+def test_a_speed_that_changes_between_positions_is_taken_for_a_wheels(
+    drive: Drive, tmp_path: Path, own_rate: bool, question_default: str
+) -> None:
+    """Beside positions of 1 Hz that a table of 100 Hz repeats: a receiver's speed is repeated with them."""
+    last = np.searchsorted(drive.gnss_t, drive.t, side="right") - 1
+    speed = drive.speed if own_rate else np.interp(drive.gnss_t, drive.t, drive.speed)[last]
+    columns = [drive.t, *drive.gyro.T, *drive.accel.T, speed, drive.latitude[last], drive.longitude[last]]
+    names = ["time_s", *(f"{kind}_{axis}" for kind in ("gyro", "acc") for axis in "xyz"), "speed_mps", "lat", "lon"]
+    pd.DataFrame(dict(zip(names, columns, strict=True))).to_csv(tmp_path / "log.csv", index=False)
+    questions: dict[str, Question] = {}
+
+    def ask(question: Question) -> str:
+        questions[question.key] = question
+        return question.default
+
+    tables = source_format(tmp_path / "log.csv").tables(tmp_path / "log.csv", lambda _: None)
+    proposal = propose(tables, ask, source_format(tmp_path / "log.csv").mapping(tables))
+    assert questions["tach.column"].default == question_default
+    assert ("tach" in proposal.sections) == own_rate

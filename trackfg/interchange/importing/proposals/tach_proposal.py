@@ -26,6 +26,8 @@ _PHONES = re.compile(r"pedomet|proximity")
 """Names of distances that other sensors of a phone give: that of its steps, and that to what is before its screen."""
 _TURNS = 0.3
 """Share of the steps of each row's own count that are of another sign than the step before."""
+_FEWEST_CHANGES = 10
+"""Fewer changes of a column do not show whether they are at a receiver's times."""
 _FALLS = 0.01
 """Share of the steps that fall where a vehicle rolls back; fewer are rows that are wrong."""
 
@@ -124,11 +126,27 @@ def _is_wheels(table: SourceTable, name: str, imu: str | list[str], ask: Ask) ->
 
     Where a table has inertial samples too, and the name does not say which it is, the user is asked.
     """
-    if plan_columns(table) is None or _WHEEL.search(name.casefold()):
+    plan = plan_columns(table)
+    if plan is None or _WHEEL.search(name.casefold()):
         return True
     if table.name != imu:
         return False
-    return ask(Question("tach.column", f"Is {name} measured at a wheel, not by GNSS?", "no", ("yes", "no"))) == "yes"
+    # Loggers make a distance of each row from a receiver's speeds.
+    of_wheel = kind_in(table, name) == "speed" and _changes_between_positions(table, name, plan)
+    likely = "yes" if of_wheel else "no"
+    return ask(Question("tach.column", f"Is {name} measured at a wheel, not by GNSS?", likely, ("yes", "no"))) == "yes"
+
+
+def _changes_between_positions(table: SourceTable, name: str, plan: Sequence[str]) -> bool:
+    """Return whether most changes of a column, at speed, are in rows that repeat a position or have none.
+
+    What a receiver measures changes with its positions.
+    """
+    values = table.numbers(name)
+    places = np.stack([table.numbers(column) for column in plan], axis=1)
+    stays = ~np.any(np.isfinite(places[1:]) & (places[1:] != places[:-1]), axis=1)
+    changes = (np.diff(values) != 0.0) & (np.abs(values[1:]) > 0.5 * np.nanmax(np.abs(values)))
+    return int(changes.sum()) >= _FEWEST_CHANGES and float(stays[changes].mean()) > 0.5
 
 
 def _unit_of(proposal: Proposal, table: SourceTable, name: str, quantity: Literal["speed", "length"], ask: Ask) -> str:
