@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.key_figures import Outlined
@@ -148,7 +148,7 @@ def _curve(y: Array, dt: float, factors: np.ndarray, fit: NoiseFit) -> pd.DataFr
     parts = fit.allan(tau)
     kinds = np.array(KINDS)[np.argmax(parts, axis=0)]
     deviation, freedom = overlapping_allan(y, dt, factors), degrees_of_freedom(len(y), factors, kinds)
-    low, high = (deviation * np.sqrt(freedom / chi2.ppf(1.0 - share, freedom)) for share in _LIMITS)
+    low, high = (deviation * np.sqrt(freedom / chdtri(freedom, share)) for share in _LIMITS)
     return pd.DataFrame(
         {
             "tau_s": tau,
