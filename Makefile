@@ -67,12 +67,15 @@ release: $(READY)
 	$(BIN)/python -m pip install --quiet --editable ".[release]"
 	$(BIN)/python tools/release.py
 
+# pip compiles what it installs, but nothing editable: where the environment has Python write no bytecode, every command
+# would compile it anew.
 $(READY): pyproject.toml setup.py $(wildcard kernels/*)
 	@if [ -z "$(PYTHON)" ]; then \
 		echo "trackfg needs Python 3.11 or later, and none was found; name yours: make PYTHON=/path/to/python3" >&2; exit 1; fi
 	$(PYTHON) -m venv .venv || { echo "this Python cannot make virtual environments (Debian, Ubuntu: apt install python3-venv)" >&2; exit 1; }
 	$(BIN)/python -m pip install --upgrade pip
 	$(BIN)/python -m pip install --editable ".[dev]"
+	$(BIN)/python -m compileall -q trackfg factors datasets tools
 	touch $@
 
 clean:
