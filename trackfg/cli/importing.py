@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
     from trackfg.interchange.importing.conversion import Conversion, Imported
     from trackfg.interchange.importing.proposals.questions import Ask, Proposal, Question
+    from trackfg.interchange.importing.source_format import SourceFormat
     from trackfg.interchange.importing.source_table import SourceTable
     from trackfg.results.result import Result
 
@@ -66,26 +67,25 @@ def import_recording(
     listed. A table of track geometry by places, without inertial sensors, becomes a result without a trajectory.
     """
     from trackfg.interchange.importing.channels.measured_geometry import measured_result
-    from trackfg.interchange.importing.channels.source_geometry import geometry_in
+    from trackfg.interchange.importing.channels.source_geometry import geometry_in, source_tables
     from trackfg.interchange.importing.conversion import converted
     from trackfg.interchange.importing.mapping import read_mapping
-    from trackfg.interchange.importing.registry import source_format
 
     plan = None if mapping is None else read_mapping(mapping)
     with working("reading"):
-        measured = geometry_in(source, from_format, plan)
+        form, tables = source_tables(source, from_format, plan)
+        measured = geometry_in(tables, plan, source.stem)
     if measured is not None:
         _report_geometry(measured_result(*measured), out)
     elif plan is None:
-        proposal, made = _proposed(source, out, from_format, _assume)
+        proposal, made = _proposed(source, out, form, tables, _assume)
         _note_reasons(proposal)
         _report(made)
     else:
         with working("reading"):
-            tables = source_format(source, from_format or plan.source).tables(source, plan.dialect)
             conversion = converted(tables, plan, run_id=source.stem)
             notes = _notes_of(tables, conversion)
-            del tables  # the recording is read back, and there is no need for both in memory
+            tables.clear()  # the recording is read back, and there is no need for both in memory
             made = conversion.write(out)
         _note(notes)
         _report(made)
@@ -108,20 +108,21 @@ def init(
     from trackfg.errors import BadInputError
     from trackfg.files.atomic_file import write_whole
     from trackfg.interchange.importing.channels.measured_geometry import measured_result
-    from trackfg.interchange.importing.channels.source_geometry import geometry_in, geometry_mapping_text
+    from trackfg.interchange.importing.channels.source_geometry import geometry_in, geometry_mapping_text, source_tables
     from trackfg.interchange.importing.proposal import mapping_text
 
     target = mapping or out.with_name(f"{out.name}.mapping.toml")
     if target.exists():
         raise BadInputError(f"{target}: exists; expected a new file. Hint: name another one with --mapping")
     with working("reading"):
-        measured = geometry_in(source, from_format, None)
+        form, tables = source_tables(source, from_format, None)
+        measured = geometry_in(tables, None, source.stem)
     if measured is not None:
         _report_geometry(measured_result(*measured), out)
         write_whole(target, geometry_mapping_text(measured[1]).encode("utf-8"))
         print_unless_quiet(f"mapping: {target}")
         return
-    proposal, made = _proposed(source, out, from_format, _assume if yes else _ask, kept=target)
+    proposal, made = _proposed(source, out, form, tables, _assume if yes else _ask, kept=target)
     write_whole(target, mapping_text(proposal).encode("utf-8"))
     _note_reasons(proposal, shown={f"{section}.{key}" for section, keys in _SHOWN.items() for key in keys})
     print_unless_quiet(_recognised(proposal, source), f"mapping: {target}")
@@ -129,9 +130,11 @@ def init(
 
 
 def _proposed(
-    source: Path, out: Path, from_format: str | None, ask: Ask, kept: Path | None = None
+    source: Path, out: Path, form: SourceFormat, tables: list[SourceTable], ask: Ask, kept: Path | None = None
 ) -> tuple[Proposal, Imported]:
-    """Propose a mapping and write the recording that it makes; where that fails, the mapping alone, if ``kept``."""
+    """Propose a mapping and write the recording that it makes of the tables, which are taken out of their list; where
+    that fails, write the mapping alone, if ``kept``.
+    """
     from trackfg.errors import BadInputError
     from trackfg.files.atomic_file import write_whole
     from trackfg.files.owned_folder import refuse_unwritable, refuse_used
@@ -139,19 +142,16 @@ def _proposed(
     from trackfg.interchange.importing.mapping import mapping_of
     from trackfg.interchange.importing.proposal import mapping_text, propose_columns, unused_columns
     from trackfg.interchange.importing.proposals.evident_by_force import settle_by_force
-    from trackfg.interchange.importing.registry import source_format
 
     refuse_used(out, "recordings are never overwritten")  # before questions are asked in vain
     if kept is not None:
         refuse_unwritable(kept)
-    form = source_format(source, from_format)
     with interruptible("reading") as interrupted:
 
         def ask_alone(question: Question) -> str:
             with interrupted():
                 return ask(question)
 
-        tables = form.tables(source, lambda _: None)
         proposal = propose_columns(tables, ask_alone, form.mapping(tables))
         proposal.sections["source"] = form.key
         try:
@@ -162,7 +162,7 @@ def _proposed(
             for name, columns in unused_columns(proposal.sections, tables).items():
                 more = f" and {len(columns) - _MOST_NAMED} more" if len(columns) > _MOST_NAMED else ""
                 notes.append(f"not used of {name}: {', '.join(columns[:_MOST_NAMED])}{more}")
-            del tables  # as above
+            tables.clear()  # as above
             made = conversion.write(out)
         except BadInputError:
             if kept is not None:

@@ -21,7 +21,7 @@ from trackfg.interchange.exporting.export import export_result
 from trackfg.interchange.exporting.registry import result_format
 from trackfg.interchange.importing.channels.channel_names import channel_of
 from trackfg.interchange.importing.channels.measured_geometry import measured_result
-from trackfg.interchange.importing.channels.source_geometry import geometry_in, read_geometry
+from trackfg.interchange.importing.channels.source_geometry import geometry_in, read_geometry, source_tables
 from trackfg.interchange.importing.channels.straight_offset import straight_offset
 from trackfg.interchange.importing.mapping import FORMAT, Mapping, mapping_of
 from trackfg.report.track_limits import judge
@@ -46,7 +46,7 @@ def written(path: Path, table: pd.DataFrame, *, quoting: Literal[0, 2] = csv.QUO
 
 
 def measured(path: Path, mapping: Mapping | None = None) -> Result:
-    found = geometry_in(path, None, mapping)
+    found = geometry_in(source_tables(path, None, mapping)[1], mapping, path.stem)
     assert found is not None
     return measured_result(*found)
 

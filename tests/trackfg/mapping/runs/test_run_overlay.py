@@ -16,7 +16,7 @@ from typer.testing import CliRunner
 from trackfg.cli.main import app
 from trackfg.errors import BadInputError
 from trackfg.interchange.importing.channels.measured_geometry import measured_result
-from trackfg.interchange.importing.channels.source_geometry import geometry_in, read_geometry
+from trackfg.interchange.importing.channels.source_geometry import geometry_in, read_geometry, source_tables
 from trackfg.interchange.importing.mapping import FORMAT, mapping_of
 from trackfg.mapping.runs.run_overlay import RunOverlay, overlaid
 from trackfg.numerics.arrays import Array
@@ -151,7 +151,7 @@ def test_cross_levels_on_different_bases_are_brought_to_that_of_the_first_run(tm
         cross_level = np.round(waves * base_m / 1.5, 3)
         pd.DataFrame({"km": 0, "m": x, "cross-level": cross_level}).to_csv(tmp_path / f"{name}.csv", index=False)
         mapping = mapping_of({"format": FORMAT, "geometry": {"cross_level_base_m": base_m}}, f"{name}.toml")
-        measured = geometry_in(tmp_path / f"{name}.csv", None, mapping)
+        measured = geometry_in(source_tables(tmp_path / f"{name}.csv", None, mapping)[1], mapping, name)
         assert measured is not None
         results.append(measured_result(*measured))
 

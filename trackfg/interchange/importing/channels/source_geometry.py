@@ -16,32 +16,43 @@ from trackfg.interchange.importing.conversion import table_named
 from trackfg.interchange.importing.geometry_reading import GeometryOptions, GeometryReading
 from trackfg.interchange.importing.mapping import FORMAT, Mapping, fits
 from trackfg.interchange.importing.registry import source_format
+from trackfg.interchange.importing.source_format import SourceFormat
 from trackfg.interchange.importing.source_table import SourceTable
 from trackfg.results.result import RESULT_FOLDER, Result
 
 
-def geometry_in(
+def source_tables(
     path: Path, from_format: str | None, mapping: Mapping | None
+) -> tuple[SourceFormat, list[SourceTable]]:
+    """Return the format of a source, and its tables, read as the mapping says where there is one.
+
+    Raises :class:`BadInputError` for a source that cannot be read.
+    """
+    form = source_format(path, from_format or (None if mapping is None else mapping.source))
+    return form, list(form.tables(path, (lambda _: None) if mapping is None else mapping.dialect))
+
+
+def geometry_in(
+    tables: Sequence[SourceTable], mapping: Mapping | None, name: str
 ) -> tuple[SourceTable, GeometryReading, str] | None:
-    """Return the table of track geometry in a source, how it is read, and the run's name.
+    """Return the table of track geometry among those of a source, how it is read, and the run's name, by default
+    ``name``.
 
     None where the source is none: by the mapping, or because it has a gyro or no channel of track geometry. Raises
-    :class:`BadInputError` for a source that cannot be read, and for a mapping whose table is missing.
+    :class:`BadInputError` for a mapping whose table is missing.
     """
     if mapping is not None and mapping.geometry is None:
         return None
-    named = from_format or (None if mapping is None else mapping.source)
-    tables = source_format(path, named).tables(path, (lambda _: None) if mapping is None else mapping.dialect)
     if mapping is not None:
         assert mapping.geometry is not None
         stated = _completed(mapping.geometry, tables, mapping.name)
-        return table_named(tables, stated.file, "geometry"), stated, str(mapping.top.get("id", path.stem))
+        return table_named(tables, stated.file, "geometry"), stated, str(mapping.top.get("id", name))
     if any(triples(table, "gyro") for table in tables):
         return None
     reading = proposed_reading(tables)
     if reading is None:
         return None
-    return table_named(tables, reading.file, "geometry"), reading, path.stem
+    return table_named(tables, reading.file, "geometry"), reading, name
 
 
 def _completed(stated: GeometryOptions, tables: Sequence[SourceTable], name: str) -> GeometryReading:
@@ -73,7 +84,7 @@ def read_geometry(path: Path) -> Result:
     """Read a result, or another system's channel table as one. Raises :class:`BadInputError` where it is neither."""
     if RESULT_FOLDER.holds(path) or kind_of(path) not in (None, "result"):
         return Result.read(path)  # which says what another folder of trackfg is, and what to do
-    measured = geometry_in(path, None, None)
+    measured = geometry_in(source_tables(path, None, None)[1], None, path.stem)
     if measured is None:
         raise BadInputError(
             f"{path}: neither a result nor a table of track geometry: no column of a place and a channel such as "
