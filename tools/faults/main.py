@@ -37,8 +37,10 @@ from faults import server
 from faults.cases import BY_NAME, KINDS, Base, Case, Outcome, case_of, outcome, smallest
 from faults.database import SOUND
 from faults.inputs import make_inputs, run_sound
+from trackfg.cli.main import command_line
 from trackfg.numerics.blas_threads import one_thread
 from trackfg.report.sources import write_report
+from trackfg.results.summary import versions
 
 _OF_LIBRARIES = (
     "asammdf",
@@ -93,12 +95,14 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 
 def import_all() -> None:
-    """Import whatever commands import, before any fork: else each case takes time for it."""
+    """Import whatever commands import, and make what all need, before any fork: else each case takes time for it."""
     of_trackfg = (module.name for module in pkgutil.walk_packages(trackfg.__path__, "trackfg."))
     for module in chain(of_trackfg, _OF_LIBRARIES):
         with suppress(ImportError):
             if not module.endswith("__main__"):
                 importlib.import_module(module)
+    command_line()
+    versions()
 
 
 def _end(number: int, frame: object) -> None:

@@ -8,12 +8,15 @@ from __future__ import annotations
 
 import os
 import tomllib
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+from typer.main import get_command
 
 from trackfg import __version__
 from trackfg.cli.balises import balises
@@ -76,7 +79,13 @@ _NOT_TO_BE_TRUSTED = 3
 def main() -> None:
     """Run the command line."""
     with exit_statuses():
-        app(prog_name="trackfg")
+        command_line()(prog_name="trackfg")
+
+
+@cache
+def command_line() -> Callable[..., Any]:
+    """Return all commands as one, made of their functions: the processes that this one forks need not make it anew."""
+    return get_command(app)
 
 
 def _print_version(wanted: bool) -> None:
