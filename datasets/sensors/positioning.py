@@ -105,6 +105,8 @@ def gnss_table(ride: Ride, model: GnssModel, duration_s: float, rng: np.random.G
 
 def _multipath(model: GnssModel, n: int, rng: np.random.Generator) -> Array:
     """Shape (n, 3)."""
+    if not any(model.multipath_sd_m):
+        return np.zeros((n, 3))
     phi = float(np.exp(-1.0 / (model.rate_hz * model.multipath_time_s)))
     return np.array(model.multipath_sd_m) * gauss_markov(n, phi, rng)
 

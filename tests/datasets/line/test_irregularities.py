@@ -86,9 +86,11 @@ def test_one_seed_repeats_to_the_bit_and_another_differs():
     assert np.std(first - other) > 1e-4
 
 
-def test_a_longer_track_begins_as_a_shorter_one():
-    s = np.arange(0.0, 1000.0 - FADE_M - 10.0, 0.1)
-    np.testing.assert_allclose(draw(1, 3000.0).at(s), draw(1, 1000.0).at(s), atol=1e-15)
+@pytest.mark.parametrize(("shorter_m", "longer_m"), [(1000.0, 3000.0), (29_500.0, 40_000.0)])
+def test_a_longer_track_begins_as_a_shorter_one(shorter_m, longer_m):
+    """The longest of these is convolved in blocks, of which the second begins to count at 27.5 km."""
+    s = np.arange(0.0, shorter_m - FADE_M - 10.0, 0.1)
+    np.testing.assert_allclose(draw(1, longer_m).at(s), draw(1, shorter_m).at(s), atol=1e-15)
 
 
 @pytest.mark.parametrize("nu", [1, 2])
