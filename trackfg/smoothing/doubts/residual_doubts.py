@@ -21,6 +21,7 @@ import numpy as np
 
 from trackfg.factors.factor_type import FactorType
 from trackfg.factors.states import KEYFRAME_DIM
+from trackfg.numerics.arrays import Array
 from trackfg.numerics.chi_square import exceeds_chance
 from trackfg.output.trajectory import QUANTITIES, keyframe_jacobian
 from trackfg.results.verdict import Doubt, Quantity
@@ -132,26 +133,28 @@ class SelfTest:
     checked_by: Mapping[Quantity, tuple[str, ...]]
 
 
-class _Cause(NamedTuple):
-    """A group whose residuals are too large: by what factor its variance should be multiplied."""
+class Cause(NamedTuple):
+    """A group whose residuals are too large: by what factor its variance should be multiplied, and with how many
+    ``degrees`` of freedom that is known.
+    """
 
     group: str
     share: float
     ratio: float
     block_s: float
+    degrees: float
 
 
 def self_test(run: SolvedRun) -> SelfTest:
     """Return what the residuals of a solved run say of its sigmas."""
     levels = dict(_levels(run))
     rows = all_rows(run.problem, run.solution, np.random.default_rng(0))
-    t = run.problem.t
-    blocks = [np.arange(len(t)) if s == 0.0 else ((t - t[0]) // s).astype(np.int64) for s in _BLOCKS_S]
+    blocks = blocks_of_time(run.problem.t)
     worst: dict[Quantity, Doubt] = {}
     checked: dict[Quantity, tuple[str, ...]] = {}
     for function, group_misfits in _found(run, rows, blocks):
-        causes = [cause for one in group_misfits if (cause := _cause(one, levels.get(one.group)))]
-        factor = math.sqrt(1.0 + sum(cause.share * (cause.ratio - 1.0) for cause in causes))
+        causes = causes_of(group_misfits, levels)
+        factor = widening(causes)
         tested = tuple(_NAMES[one.group] for one in group_misfits if one.share > _LEAST_SHARE)
         for quantity in function.quantities:
             if factor > (worst[quantity].factor if quantity in worst else _LEAST_WIDENING):
@@ -166,6 +169,21 @@ def self_test(run: SolvedRun) -> SelfTest:
             if score.far and score.ratio > (worst[quantity].factor if quantity in worst else _LEAST_WIDENING):
                 worst[quantity] = Doubt((quantity,), _or_lost(score.ratio), _missed(group, score), _HINTS[group])
     return SelfTest(tuple(worst.values()), checked)
+
+
+def blocks_of_time(t: Array) -> list[np.ndarray]:
+    """Return the divisions of the keyframes' times (n,), s, over whose blocks residuals are summed."""
+    return [np.arange(len(t)) if s == 0.0 else ((t - t[0]) // s).astype(np.int64) for s in _BLOCKS_S]
+
+
+def causes_of(of_groups: Sequence[Misfit], levels: Mapping[str, Level]) -> list[Cause]:
+    """Return the groups whose residuals are too large, by their misfits and by the ``levels`` of what is predicted."""
+    return [cause for one in of_groups if (cause := _cause(one, levels.get(one.group)))]
+
+
+def widening(causes: Sequence[Cause]) -> float:
+    """Return k, by which these causes make a sigma too small."""
+    return math.sqrt(1.0 + sum(cause.share * (cause.ratio - 1.0) for cause in causes))
 
 
 def _found(run: SolvedRun, rows: list[GroupRows], blocks: list[np.ndarray]) -> Iterator[tuple[_Function, list[Misfit]]]:
@@ -205,17 +223,18 @@ def _columns(run: SolvedRun, functions: Sequence[_Function]) -> Columns:
     return columns
 
 
-def _cause(misfit: Misfit, predicted: Level | None) -> _Cause | None:
+def _cause(misfit: Misfit, predicted: Level | None) -> Cause | None:
     """Return by how much a group's errors are larger than the model has them; None where that may be chance."""
     far = exceeds_chance(misfit.ratio, misfit.degrees, _CHANCE)
     ratios = np.where(far, misfit.ratio, 1.0)
-    ratio, block_s = float(ratios.max()), _BLOCKS_S[int(ratios.argmax())]
+    worst = int(ratios.argmax())
+    ratio, block_s = float(ratios[worst]), _BLOCKS_S[worst]
     if predicted is not None and predicted.far and predicted.ratio**2 > ratio:
         ratio, block_s = predicted.ratio**2, 0.0
-    return _Cause(misfit.group, misfit.share, ratio, block_s) if ratio > 1.0 else None
+    return Cause(misfit.group, misfit.share, ratio, block_s, float(misfit.degrees[worst])) if ratio > 1.0 else None
 
 
-def _doubt(quantity: Quantity, factor: float, cause: _Cause) -> Doubt:
+def _doubt(quantity: Quantity, factor: float, cause: Cause) -> Doubt:
     over = f", summed over {cause.block_s:g} s," if cause.block_s else ""
     reason = f"residuals of {_NAMES[cause.group]}{over} are {cause.ratio**0.5:.2g} times what is expected of them"
     return Doubt((quantity,), _or_lost(factor), reason, _HINTS[cause.group])
