@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from trackfg.cli import main as command_line
+from trackfg.cli import main as entry
 
 
 def run(command: str, cwd: Path) -> subprocess.CompletedProcess[str]:
@@ -57,9 +57,9 @@ def test_what_the_system_refuses_is_one_line(
     def fail(**_: object) -> None:
         raise error
 
-    monkeypatch.setattr(command_line, "app", fail)
+    monkeypatch.setattr(entry, "command_line", lambda: fail)
     with pytest.raises(SystemExit) as end:
-        command_line.main()
+        entry.main()
     written = capsys.readouterr().err
     assert end.value.code == 1
     assert written.startswith(line)
@@ -93,7 +93,7 @@ def test_a_place_that_is_none_for_a_file_is_refused_before_anything_is_read(
         arguments = [*command.split(), *FILE_COMMANDS[command], "-o", str(tmp_path / place)]
         monkeypatch.setattr(sys, "argv", ["trackfg", *arguments])
         with pytest.raises(SystemExit) as end:
-            command_line.main()
+            entry.main()
         written = capsys.readouterr().err
         assert (end.value.code, written.count("\n")) == (2, 1)
         assert what in written
