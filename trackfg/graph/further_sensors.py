@@ -127,13 +127,13 @@ def _tach(inputs: GraphInputs, sensor: FurtherSensor) -> Family:
     longest_s = longest_silence_s(t, config.tach.max_gap_s)
     k = np.flatnonzero(_covered(t, at - _READ_S, longest_s) & _covered(t, at + _READ_S, longest_s))
     way = 1.0 if part.signed else np.where(inputs.distance[k] < 0.0, -1.0, 1.0)
-    count, rate, reading_sd = _readings(part, t, distance, at)
+    wheel = Wheel(t, distance, _rounding_sd(part, t, distance), 0.0, part.integrates_speed, np.zeros((0, 2)))
+    count, rate, reading_sd = _readings(wheel, at)
     measured = {
         "counted": way * np.diff(count)[k],
         "faster": way * np.diff(rate)[k],
         "response": response_of_wheels(inputs)[k],
     }
-    wheel = Wheel(t, distance, _rounding_sd(part, t, distance), 0.0, part.integrates_speed, np.zeros((0, 2)))
     whole = not inputs.recording.imu.empty and k.size > 0  # else one interval of a stream
     if whole and not part.integrates_speed:
         wheel = with_miscount(wheel, inputs.data, inputs.world.gravity, config)
@@ -148,7 +148,7 @@ def _tach(inputs: GraphInputs, sensor: FurtherSensor) -> Family:
     return replace(family, doubtful=wheel_rolling.slips_within(at)[k])
 
 
-def _readings(part: FurtherTach, t: Array, distance: Array, at: Array) -> tuple[Array, Array, Array]:
+def _readings(wheel: Wheel, at: Array) -> tuple[Array, Array, Array]:
     """Return a tach's distance (m) at times ``at`` (m,), s, its rate (m/s) and the sigma of the distance (m), all (m,).
 
     A parabola is fitted to what is shown shortly before and after. Of n readings with independent roundings its value
@@ -157,11 +157,10 @@ def _readings(part: FurtherTach, t: Array, distance: Array, at: Array) -> tuple[
     """
     offset = np.linspace(-_READ_S, _READ_S, _READINGS)
     value, slope, _ = np.linalg.pinv(np.vander(offset, 3, increasing=True))
-    shown = np.interp(at[:, None] + offset, t, distance)
-    rounding_sd = _rounding_sd(part, t, distance)
-    pulses = np.ptp(shown, axis=1) / (np.sqrt(12.0) * rounding_sd)
-    independent = np.minimum(pulses, 2.0 * _READ_S / median_interval(t))
-    reading_sd = rounding_sd * np.minimum(1.0, 1.5 / np.sqrt(np.maximum(independent, 1.0)))
+    shown = np.interp(at[:, None] + offset, wheel.t, wheel.distance)
+    pulses = np.ptp(shown, axis=1) / (np.sqrt(12.0) * wheel.rounding_sd)
+    independent = np.minimum(pulses, 2.0 * _READ_S / median_interval(wheel.t))
+    reading_sd = wheel.rounding_sd * np.minimum(1.0, 1.5 / np.sqrt(np.maximum(independent, 1.0)))
     return shown @ value, shown @ slope, reading_sd
 
 

@@ -184,12 +184,12 @@ def wide_priors(run: SolvedRun) -> Reassessment:
             far = [c for c, scalar in columns.items() if abs(judged.sigmas[c]) > scalar.limit]
             if kind is Kind.MOUNT and not _shows_mounting(run, judged.alone[far], _FARTHEST[far]):
                 far = []
-            pulled: list[int] = []
+            pulled: dict[int, float] = {}
             if kind is Kind.MOUNT and far:
-                pull = dict(zip(far, lasting_pull(run, far).tolist(), strict=True))
-                pulled = [c for c in far if pull[c] > FAR_OFF]
+                pull = zip(far, lasting_pull(run, far).tolist(), strict=True)
+                pulled = {c: factor for c, factor in pull if factor > FAR_OFF}
                 far = [c for c in far if c not in pulled]
-                doubts += moving_point(pulled, [pull[c] for c in pulled])
+                doubts += moving_point(pulled)
             if kind is Kind.IMU and (quiet := without_noise(run, problem, contradicted=bool(far))) is not None:
                 any_changed, problem = True, quiet
                 continue
@@ -197,7 +197,7 @@ def wide_priors(run: SolvedRun) -> Reassessment:
             if kind is Kind.MOUNT:
                 findings += _mounting_notes(run, far)
             wanted = np.where(np.abs(judged.sigmas) < _NEAR_SIGMAS, first.sigma, current.sigma)
-            wanted[0, far], wanted[0, pulled] = np.abs(judged.alone[far]), prior_sd[pulled]
+            wanted[0, far], wanted[0, [*pulled]] = np.abs(judged.alone[far]), prior_sd[[*pulled]]
             if kind is Kind.IMU:
                 widest = _widest_calibration(run.declared, first)
                 wanted[0, EARTH] = wanted[0, EARTH].max()  # which way is ahead says nothing

@@ -13,6 +13,7 @@ of these, the solution without these priors is off by
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -24,7 +25,7 @@ from trackfg.results.verdict import Doubt
 from trackfg.smoothing.doubts.residual_doubts import blocks_of_time, causes_of, widening
 from trackfg.smoothing.reassessment import SolvedRun
 from trackfg.solver.covariance import times_covariance
-from trackfg.solver.influence import Columns, all_rows, gains, misfits
+from trackfg.solver.influence import Columns, all_rows, misfits
 
 _PRIOR = "mounting prior"
 """Its residuals are what is asked about."""
@@ -58,13 +59,14 @@ def lasting_pull(run: SolvedRun, far: list[int]) -> Array:
         for one in all_rows(problem, solution, np.random.default_rng(0))
         if one.group != _PRIOR
     ]
-    of_columns = misfits(rows, gains(solution.root, columns), blocks_of_time(problem.t), len(far))
+    gain = Columns(*(part / np.sqrt(np.diagonal(moved.shared[index])) for part in moved))
+    of_columns = misfits(rows, gain, blocks_of_time(problem.t), len(far))
     return np.array([widening(causes_of(of_column, {})) for of_column in of_columns])
 
 
-def moving_point(columns: list[int], pull: list[float]) -> tuple[Doubt, ...]:
-    """Return the doubt of what depends on the point that follows the track, where ``columns`` are pulled at so much."""
-    strongest = max((one for column, one in zip(columns, pull, strict=True) if column in _PLACE), default=None)
+def moving_point(pull: Mapping[int, float]) -> tuple[Doubt, ...]:
+    """Return the doubt of what depends on the point that follows the track, by the pull at columns of the mounting."""
+    strongest = max((pull[column] for column in _PLACE if column in pull), default=None)
     if strongest is None:
         return ()
     reason = f"errors that last pull {strongest:.2g} times as much as expected at the point that follows the track"

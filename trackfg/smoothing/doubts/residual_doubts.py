@@ -134,15 +134,12 @@ class SelfTest:
 
 
 class Cause(NamedTuple):
-    """A group whose residuals are too large: by what factor its variance should be multiplied, and with how many
-    ``degrees`` of freedom that is known.
-    """
+    """A group whose residuals are too large: by what factor its variance should be multiplied."""
 
     group: str
     share: float
     ratio: float
     block_s: float
-    degrees: float
 
 
 def self_test(run: SolvedRun) -> SelfTest:
@@ -227,11 +224,10 @@ def _cause(misfit: Misfit, predicted: Level | None) -> Cause | None:
     """Return by how much a group's errors are larger than the model has them; None where that may be chance."""
     far = exceeds_chance(misfit.ratio, misfit.degrees, _CHANCE)
     ratios = np.where(far, misfit.ratio, 1.0)
-    worst = int(ratios.argmax())
-    ratio, block_s = float(ratios[worst]), _BLOCKS_S[worst]
+    ratio, block_s = float(ratios.max()), _BLOCKS_S[int(ratios.argmax())]
     if predicted is not None and predicted.far and predicted.ratio**2 > ratio:
         ratio, block_s = predicted.ratio**2, 0.0
-    return Cause(misfit.group, misfit.share, ratio, block_s, float(misfit.degrees[worst])) if ratio > 1.0 else None
+    return Cause(misfit.group, misfit.share, ratio, block_s) if ratio > 1.0 else None
 
 
 def _doubt(quantity: Quantity, factor: float, cause: Cause) -> Doubt:
