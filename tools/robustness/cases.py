@@ -27,6 +27,7 @@ BASES: dict[str, tuple[str, ...]] = {
     CLEAN: ("odometry", "fixes", "gnss"),
     "rectification": ("odometry", "fixes"),
     "coarse-pulses": ("odometry", "fixes"),
+    "miscounted-pulses": ("odometry", "fixes"),
     "weak-creep": ("odometry", "fixes"),
     "scale-jump": ("fixes",),
     "wrong-fixes": ("some fixes", "many fixes"),

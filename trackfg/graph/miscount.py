@@ -30,11 +30,6 @@ from trackfg.sensors.tach import Wheel
 _STEPS_S = (0.5, 1.0, 2.0)
 """T, s: from the step of the search for slips to as long as a gradient hardly changes."""
 
-_FAR_OFF = 2.0
-"""Differences that are less than so many times what is expected are a matter of levels, which the residuals of a
-solution show (:mod:`trackfg.smoothing.noise_levels`): the search for slips takes few of them for slips then.
-"""
-
 _WEIGHTS = np.array([1.0, 4.0, 1.0])
 """Squares of the coefficients of a second difference, which a third one is of increments."""
 
@@ -52,7 +47,7 @@ def with_miscount(wheel: Wheel, data: Intervals, gravity: float, config: SmoothC
 
 
 def _density(wheel: Wheel, data: Intervals, gravity: float, config: SmoothConfig) -> float:
-    """Return c, m in sqrt(1 m); 0 where differences over some T are about what is expected."""
+    """Return c, m in sqrt(1 m); 0 where differences over some T are no larger than expected."""
     least = np.inf
     for step, differences in zip(_STEPS_S, third_differences(wheel, data, _STEPS_S), strict=True):
         if len(differences.noise) < FEWEST:
@@ -61,7 +56,5 @@ def _density(wheel: Wheel, data: Intervals, gravity: float, config: SmoothConfig
         creep = creep_variance_over(distance, differences.force / gravity, step, config.tach) * config.noise.tach**2
         other = creep @ _WEIGHTS + _READINGS * wheel.rounding_sd**2 + differences.by_accel
         squares = SD_PER_MAD**2 * differences.noise**2
-        if median(squares / other) < _FAR_OFF**2:
-            return 0.0
         least = min(least, median((squares - other) / (distance @ _WEIGHTS)))
-    return float(np.sqrt(least)) if least < np.inf else 0.0
+    return float(np.sqrt(max(least, 0.0))) if least < np.inf else 0.0

@@ -5,14 +5,25 @@ cant. Cant is built in curves only. So the mean roll on straights is that of the
 canted all the same (or the crossfall of a road): it is not taken off, but what of it the sigma of roll does not explain
 becomes the sigma of the mounting's roll, a constant in roll and cross-level. Twist and all that is short does not
 contain it.
+
+Where the way does not show it, pitch and yaw of the mounting do: a sensor that motion shows to be tilted by b was not
+levelled, and its roll is as uncertain. With the prior variance ``B`` of the tilt, the mean roll ``m``, the variance
+``A`` of roll and ``C`` of what else is in the mean, the roll that is reported errs by ``x``, whose posterior is
+
+    E[x^2] = (g m)^2 + (A + B) (1 - g),   g = (A + B) / (A + B + C),   B = max(m^2 - A - C, b^2),
+
+of which ``A`` is in the sigma of roll already. The first of the two is the most likely ``B`` by the mean roll alone
+(empirical Bayes).
 """
 
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
+from trackfg.factors.states import Kind
 from trackfg.numerics.arrays import Array
 from trackfg.recording.findings import Finding
 from trackfg.smoothing.passage import STEP_M, Passage, chord_curvature, passage
@@ -44,50 +55,80 @@ NOTICED_RAD = np.radians(0.2)
 """From here on a tilt is a finding: 5 mm between the rails, what track is relaid to."""
 
 
-def with_roll_of_mounting(run: SolvedRun) -> SolvedRun:
-    """Return the run with the sigma of the mounting's roll that its straights show, and a finding where it is large."""
-    roll, sd = _roll_on_straights(run)
-    unexplained = unexplained_roll(roll, sd**2)
-    context = run.problem.run
-    if unexplained <= context.mount_roll_sd:
-        return run
-    problem = replace(run.problem, run=replace(context, mount_roll_sd=unexplained))
-    return replace(run, problem=problem, findings=(*run.findings, *_findings(roll, unexplained)))
-
-
-def _roll_on_straights(run: SolvedRun) -> tuple[float, float]:
-    """Return the mean roll on straights and its sigma, rad; without any, those at curvature 0 by the curves; 0 where
-    there is not way enough.
+class MeanRoll(NamedTuple):
+    """The mean roll of track without cant, rad: ``own`` is the variance of roll, rad^2, and ``besides`` that of what
+    else is in the mean, infinite where the way shows nothing.
     """
+
+    roll: float
+    own: float
+    besides: float
+
+
+UNSEEN = MeanRoll(0.0, 0.0, np.inf)
+"""The way does not show the roll of the mounting."""
+
+
+def with_roll_of_mounting(run: SolvedRun) -> SolvedRun:
+    """Return the run with the sigma of the mounting's roll that its way shows, and a finding where it is large."""
+    mean, context = _mean_roll(run), run.problem.run
+    # A roll that is known to a sigma was measured: what else the mounting is says nothing about it.
+    tilt = 0.0 if context.mount_roll_sd else _tilt(run)
+    sd = roll_of_mounting_sd(mean, tilt)
+    if sd <= context.mount_roll_sd:
+        return run
+    problem = replace(run.problem, run=replace(context, mount_roll_sd=sd))
+    return replace(run, problem=problem, findings=(*run.findings, *_findings(mean, tilt, sd)))
+
+
+def roll_of_mounting_sd(mean: MeanRoll, tilt: float) -> float:
+    """Return by how much the reported roll is off, besides its own sigma, of a mounting that is tilted so much, rad."""
+    own, besides = mean.own, mean.besides
+    prior = own + max(mean.roll**2 - own - besides, tilt**2)
+    if prior == 0.0:
+        return 0.0
+    gain = prior / (prior + besides)
+    return float(np.sqrt(max((gain * mean.roll) ** 2 + prior * (1.0 - gain) - own, 0.0)))
+
+
+def _tilt(run: SolvedRun) -> float:
+    """Return the tilt of the mounting about one axis, rad, by its pitch and yaw, less what their sigmas explain."""
+    angles = run.solution.states.mount[0, :2]
+    variance = np.diagonal(run.covariance.of(Kind.MOUNT)[0])[:2]
+    return float(np.sqrt(max(np.mean(angles**2 - variance), 0.0)))
+
+
+def _mean_roll(run: SolvedRun) -> MeanRoll:
+    """Return the mean roll on straights; without any, that at curvature 0 by the curves."""
     at = passage(run)
     on_straight = straight(at.heading, straightest(_fastest(at)))
     if len(at.roll) * STEP_M < SHORTEST_M:
-        return 0.0, 0.0
+        return UNSEEN
     if np.sum(on_straight) * STEP_M < SHORTEST_M:
         return roll_at_no_curvature(at)
-    return float(np.mean(at.roll[on_straight])), float(np.sqrt(np.mean(at.roll_variance[on_straight])))
+    return MeanRoll(float(np.mean(at.roll[on_straight])), float(np.mean(at.roll_variance[on_straight])), 0.0)
 
 
-def roll_at_no_curvature(at: Passage) -> tuple[float, float]:
-    """Return roll at curvature 0 and its sigma, rad, by the line of roll over curvature, since cant has its sign.
+def roll_at_no_curvature(at: Passage) -> MeanRoll:
+    """Return roll at curvature 0 by the line of roll over curvature, since cant has its sign.
 
     Cant need not be proportional to curvature: what the line takes for cant at the mean curvature is as uncertain as it
-    is large. In curves of both ways it is hardly anything. Both are 0 where hardly anything is curved, or all is.
+    is large. In curves of both ways it is hardly anything. Nothing is seen where hardly anything is curved, or all is.
     """
     half = round(0.5 * _BASE_M / STEP_M)
     curvature = chord_curvature(at.heading, half)
     roll = at.roll[half : len(at.roll) - half]
     curved = np.abs(curvature) > straightest(_fastest(at))
     if np.mean(curved) < _CURVED or curved.all():
-        return 0.0, 0.0
+        return UNSEEN
     mean = float(curvature.mean())
     away = curvature - mean
     spread = float(away @ away)
     slope = float(away @ roll) / spread
     residual = roll - roll.mean() - slope * away
     lever = 1.0 / len(roll) + mean**2 / spread
-    variance = np.mean(at.roll_variance) + np.mean(residual**2) * lever * 2 * half + (slope * mean) ** 2
-    return float(roll.mean() - slope * mean), float(np.sqrt(variance))
+    besides = float(np.mean(residual**2)) * lever * 2 * half + (slope * mean) ** 2
+    return MeanRoll(float(roll.mean() - slope * mean), float(np.mean(at.roll_variance)), besides)
 
 
 def straight(heading: Array, limit: Array) -> np.ndarray:
@@ -124,10 +165,18 @@ def in_words(roll: float) -> str:
     return f"{tilt}: the sensor is mounted so, or the track is canted"
 
 
-def _findings(roll: float, unexplained: float) -> tuple[Finding, ...]:
-    if unexplained < NOTICED_RAD:
+def _findings(mean: MeanRoll, tilt: float, sd: float) -> tuple[Finding, ...]:
+    if sd < NOTICED_RAD:
         return ()
-    message = f"{in_words(roll)}; the sigmas of roll and cross-level hold it as a constant error"
-    added = f"add {np.degrees(roll):.2f} to the roll in mount_rpy_deg of [imu]"
-    hint = f"if it is the sensor, {added}; else declare mount_roll_sd_deg"
-    return (Finding("warning", "roll-on-straights", message, hint=hint),)
+    if 2.0 * unexplained_roll(mean.roll, mean.own + mean.besides) ** 2 >= sd**2:
+        message = f"{in_words(mean.roll)}; the sigmas of roll and cross-level hold it as a constant error"
+        added = f"add {np.degrees(mean.roll):.2f} to the roll in mount_rpy_deg of [imu]"
+        hint = f"if it is the sensor, {added}; else declare mount_roll_sd_deg"
+        return (Finding("warning", "roll-on-straights", message, hint=hint),)
+    message = (
+        f"pitch and yaw of the sensor's mounting are off by {np.degrees(tilt):.2f} deg, and too little of the track is "
+        f"straight to show its roll; the sigmas of roll and cross-level hold {np.degrees(sd):.2f} deg as a constant "
+        "error"
+    )
+    hint = "measure how the sensor is mounted, and declare mount_rpy_deg and mount_roll_sd_deg of [imu]"
+    return (Finding("warning", "mount-roll-unknown", message, hint=hint),)

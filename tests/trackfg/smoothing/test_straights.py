@@ -14,14 +14,22 @@ from trackfg.numerics.rotations import matrix_from_rpy
 from trackfg.recording.model import Recording
 from trackfg.smoothing.passage import STEP_M, Passage
 from trackfg.smoothing.smoother import SmoothedStates, smooth_states
-from trackfg.smoothing.straights import roll_at_no_curvature, straight, straightest, unexplained_roll
+from trackfg.smoothing.straights import (
+    UNSEEN,
+    MeanRoll,
+    roll_at_no_curvature,
+    roll_of_mounting_sd,
+    straight,
+    straightest,
+    unexplained_roll,
+)
 
 TOTAL_S = 200.0
 
 
-def tilted(recording: Recording, roll_deg: float) -> Recording:
-    """Return what the sensor would record if it were tilted to the left by so much, undeclared."""
-    R_vs = matrix_from_rpy(np.radians(roll_deg), np.array(0.0), np.array(0.0))
+def tilted(recording: Recording, roll_deg: float, pitch_deg: float = 0.0) -> Recording:
+    """Return what the sensor would record if it were tilted to the left and forwards by so much, undeclared."""
+    R_vs = matrix_from_rpy(np.radians(roll_deg), np.radians(pitch_deg), np.array(0.0))
     imu = recording.imu.copy()
     for triad in (imu.columns[1:4], imu.columns[4:7]):
         imu[triad] = imu[triad].to_numpy() @ R_vs
@@ -85,18 +93,48 @@ def two_left_curves(tilt: float, cant: float) -> Passage:
 
 @pytest.mark.parametrize("tilt", [0.08, -0.08])
 def test_a_tilt_shows_in_curves_of_one_way(tilt: float) -> None:
-    roll, sd = roll_at_no_curvature(two_left_curves(tilt, cant=0.0))
-    assert roll == pytest.approx(tilt, abs=0.005)
-    assert unexplained_roll(roll, sd**2) == pytest.approx(0.08, rel=0.1)
+    seen = roll_at_no_curvature(two_left_curves(tilt, cant=0.0))
+    assert seen.roll == pytest.approx(tilt, abs=0.005)
+    assert unexplained_roll(seen.roll, seen.own + seen.besides) == pytest.approx(0.08, rel=0.1)
 
 
 def test_cant_of_an_upright_vehicle_is_no_tilt_in_curves_of_one_way() -> None:
-    roll, sd = roll_at_no_curvature(two_left_curves(0.0, cant=-0.04))
-    assert unexplained_roll(roll, sd**2) == 0.0
+    seen = roll_at_no_curvature(two_left_curves(0.0, cant=-0.04))
+    assert unexplained_roll(seen.roll, seen.own + seen.besides) == 0.0
 
 
 def test_no_tilt_shows_within_one_curve() -> None:
     """Its curvature is the same all the way: roll and cant cannot be separated."""
     way = np.arange(0.0, 400.0, STEP_M)
     within = Passage(way / 300.0, np.full(len(way), 0.08), np.full(len(way), 0.002**2), np.full(len(way), 10.0))
-    assert roll_at_no_curvature(within) == (0.0, 0.0)
+    assert roll_at_no_curvature(within) == UNSEEN
+
+
+def test_pitch_and_yaw_of_the_mounting_count_where_the_way_shows_nothing_of_its_roll() -> None:
+    """On straights the mean roll is the tilt, whatever else is tilted; of 10 mrad the sigma of roll explains 6."""
+    for tilt in (0.0, 0.05):
+        assert roll_of_mounting_sd(MeanRoll(0.010, 0.006**2, 0.0), tilt) == pytest.approx(0.008)
+        assert roll_of_mounting_sd(UNSEEN, tilt) == pytest.approx(tilt)
+        assert roll_of_mounting_sd(MeanRoll(0.0, 0.006**2, 1e6), tilt) == pytest.approx(tilt, rel=1e-3)
+
+
+def test_of_many_tilted_mountings_the_sigma_of_roll_covers_the_errors() -> None:
+    """The reported roll errs by its own error and by the tilt; the mean shows both, and cant besides. The larger of two
+    prior variances is wide by a third on average.
+    """
+    rng = np.random.default_rng(3)
+    tilt, own, cant = rng.standard_normal((3, 4000)) * np.array([[0.03], [0.01], [0.02]])
+    seen = [MeanRoll(roll, 0.01**2, 0.02**2) for roll in tilt + own + cant]
+    added = [roll_of_mounting_sd(one, 0.03) for one in seen]
+    variance = np.mean(np.square(added)) + 0.01**2
+    assert 0.7 < np.mean((tilt + own) ** 2) / variance < 1.0
+
+
+def test_a_sensor_that_nobody_levelled_may_be_tilted_sideways_too(simulated: Callable[..., Simulation]) -> None:
+    """Of a way of 100 m nothing is averaged: pitch and yaw of the mounting show in it, and roll does not."""
+    run = simulated("shunting", seed=0, duration_s=60.0)
+    result = smooth_states(tilted(run.recording, 3.0, pitch_deg=3.0), SmoothConfig())
+    error = result.trajectory["roll_rad"] - run.ride.rpy(result.trajectory["t_s"].to_numpy())[:, 0]
+    assert np.sqrt(np.mean((error / result.trajectory["roll_rad_sd"]) ** 2)) < 2.0
+    (finding,) = (one for one in result.findings if one.code == "mount-roll-unknown")
+    assert "pitch and yaw of the sensor's mounting are off by 2." in finding.message
