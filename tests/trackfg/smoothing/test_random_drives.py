@@ -74,7 +74,7 @@ def test_a_few_drives(drive: Drive) -> None:
 
 
 @pytest.mark.slow
-@settings(max_examples=40, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
+@settings(max_examples=16, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
 @given(DRIVES)
 def test_many_drives(drive: Drive) -> None:
     assert_a_drive_is_smoothed(drive)

@@ -30,7 +30,7 @@ from trackfg.smoothing.smoother import SmoothedStates, smooth, smooth_states
 ATTITUDE = ("roll_rad", "pitch_rad", "yaw_rad")
 PLACE = ("east_m", "north_m", "up_m")
 ALL = ("chainage_m", *PLACE, "speed_mps", *ATTITUDE)
-TOTAL_S = 200.0
+TOTAL_S = 150.0
 
 
 def solved(recording: Recording) -> SmoothedStates:
@@ -79,9 +79,18 @@ def at_rest(smoothed: SmoothedStates) -> np.ndarray:
 
 
 @pytest.mark.parametrize(
-    "name", ["mainline", "mainline-gnss", "trolley", "shunting", "shunting-unsigned", "parked", "no-stop"]
+    ("name", "seed"),
+    [
+        ("mainline", 0),
+        ("mainline", 3),
+        ("mainline-gnss", 0),
+        ("trolley", 3),
+        ("shunting", 0),
+        ("shunting-unsigned", 3),
+        ("parked", 3),
+        ("no-stop", 0),
+    ],
 )
-@pytest.mark.parametrize("seed", [0, 3])
 def test_every_kind_of_run_is_solved_honestly(
     simulated: Callable[..., Simulation], smoothed: Callable[..., SmoothedStates], name: str, seed: int
 ) -> None:
@@ -199,11 +208,8 @@ def test_place_of_the_sensor_is_found_in_curves(place: tuple[float, float, float
     assert sd[0] < 0.5
 
 
-@pytest.mark.parametrize("seed", [0, 1])
-def test_hole_of_5_s_in_the_imu(
-    simulated: Callable[..., Simulation], smoothed: Callable[..., SmoothedStates], seed: int
-) -> None:
-    run, whole = (f("mainline", seed=seed, duration_s=TOTAL_S) for f in (simulated, smoothed))
+def test_hole_of_5_s_in_the_imu(simulated: Callable[..., Simulation], smoothed: Callable[..., SmoothedStates]) -> None:
+    run, whole = (f("mainline", seed=0, duration_s=TOTAL_S) for f in (simulated, smoothed))
     holed = solved(drop_imu(run.recording, 100.0, 105.0))
     assert_honest(run, holed)
     inside = holed.trajectory["t_s"].between(101.0, 104.0)
@@ -212,11 +218,8 @@ def test_hole_of_5_s_in_the_imu(
         assert sd[1] > 2.0 * sd[0]
 
 
-@pytest.mark.parametrize("seed", [0, 1])
-def test_minute_without_the_tach(
-    simulated: Callable[..., Simulation], smoothed: Callable[..., SmoothedStates], seed: int
-) -> None:
-    run, whole = (f("mainline", seed=seed, duration_s=TOTAL_S) for f in (simulated, smoothed))
+def test_minute_without_the_tach(simulated: Callable[..., Simulation], smoothed: Callable[..., SmoothedStates]) -> None:
+    run, whole = (f("mainline", seed=1, duration_s=TOTAL_S) for f in (simulated, smoothed))
     silent = solved(drop_tach(run.recording, 80.0, 140.0))
     assert_honest(run, silent)
     inside = silent.trajectory["t_s"].between(90.0, 130.0)
@@ -347,7 +350,8 @@ def test_beats_dead_reckoning(simulated: Callable[..., Simulation], smoothed: Ca
 
 
 def test_result_survives_the_folder(simulated: Callable[..., Simulation], tmp_path: Path) -> None:
-    result = smooth(simulated("shunting", seed=0, duration_s=240.0).recording)
+    result = smooth(simulated("shunting", seed=0, duration_s=60.0).recording)
+    assert len(result.events)
     back = Result.read(result.write(tmp_path / "out"))
     pd.testing.assert_frame_equal(back.trajectory, result.trajectory)
     pd.testing.assert_frame_equal(back.events, result.events, check_dtype=False)
@@ -379,6 +383,10 @@ def test_summary_has_the_scale_of_each_further_sensor(name: str, table: str) -> 
     assert summary.wheel_scale is not None
     ratio, other = (one.further_scales[table].value / one.wheel_scale.value for one in (summary, scaled))
     assert other == pytest.approx(1.004 * ratio, abs=2e-4)
+
+
+def test_summary_has_no_scale_of_a_further_sensor_without_rows() -> None:
+    recording = simulate("slippery-line-two-axles", seed=1, duration_s=50.0).recording
     assert not smooth(replace(recording, others={})).summary.further_scales
 
 

@@ -24,7 +24,7 @@ from trackfg.smoothing.smoother import SmoothedStates, smooth_states
 from trackfg.smoothing.wide_priors import wide_priors
 from trackfg.solver.variance_components import Residuals
 
-TOTAL_S = 200.0
+TOTAL_S = 150.0
 
 
 def with_scale(recording: Recording, scale: float) -> Recording:
@@ -78,7 +78,7 @@ def test_a_receiver_that_is_late_is_followed(simulated: Callable[..., Simulation
 
 @pytest.mark.parametrize("name", ["mainline", "mainline-gnss", "trolley", "shunting", "parked"])
 def test_what_was_known_rightly_stays(smoothed: Callable[..., SmoothedStates], name: str) -> None:
-    result = smoothed(name, seed=3, duration_s=TOTAL_S)
+    result = smoothed(name, seed=3, duration_s=100.0)
     assert not far(result)
     kinds = (Kind.MOUNT, Kind.CLOCK, Kind.IMU, Kind.WHEEL)
     for type_ in (FactorType[f"PRIOR_{kind.name}"] for kind in kinds):
