@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Literal, get_args
+from weakref import WeakValueDictionary
 
 import numpy as np
 import pandas as pd
@@ -42,6 +43,8 @@ LONGEST_S = 1e6
 """Longest one, s: eleven days, which already take more memory than most machines have."""
 _BEYOND_S = 0.25
 """How much longer than the recording the body's motion is computed, s; the comment below says why."""
+_DRAWN: WeakValueDictionary[tuple[object, ...], Irregularities] = WeakValueDictionary()
+"""Irregularities of all runs in memory, by what they are drawn from: a further run over the same track takes these."""
 _BEGINS = {"track": 0.0, "vehicle": 0.2, "sensors": 0.35, "truth": 0.85, "writing": 0.9}
 """Share of the time after which a stage begins, of 20 minutes of measuring-car and mainline with their writing."""
 
@@ -175,7 +178,7 @@ def simulate(
             progress(stage, _BEGINS[stage])
 
     begin("track")
-    track = _track(plan, duration, line_rng, irregularity_rng)
+    track = _track(plan, duration, line_rng, irregularity_rng, seed)
     if plan.flange_knocks:
         plan = replace(plan, vehicle=Flanging(plan.vehicle, seed=int(flange_rng.integers(2**63))))
     if plan.both_ways and run % 2 == 1:
@@ -231,7 +234,7 @@ def _streams(seed: int, key: tuple[int, ...], count: int) -> list[np.random.Gene
 
 
 def _track(
-    plan: Scenario, duration_s: float, line_rng: np.random.Generator, irregularity_rng: np.random.Generator
+    plan: Scenario, duration_s: float, line_rng: np.random.Generator, irregularity_rng: np.random.Generator, seed: int
 ) -> SimulatedTrack:
     if isinstance(plan.line, GivenLine):
         line = plan.line.line
@@ -240,11 +243,13 @@ def _track(
         length = plan.driver.furthest_m(duration_s) if plan.length_m is None else plan.length_m
         length = max([length, *(defect.extent_m[1] for defect in plan.defects)])
         line = random_line(plan.line, length, line_rng, start_yaw_rad=heading)
-    irregularities = (
-        Irregularities.none(line.length_m)
-        if plan.irregularities is None
-        else draw_irregularities(plan.irregularities, line.length_m, irregularity_rng, plan.defects)
-    )
+    if plan.irregularities is None:
+        return SimulatedTrack(line, Irregularities.none(line.length_m), plan.line.gauge_m)
+    key = (seed, plan.irregularities, line.length_m, tuple(plan.defects))
+    irregularities = _DRAWN.get(key)
+    if irregularities is None:
+        irregularities = draw_irregularities(plan.irregularities, line.length_m, irregularity_rng, plan.defects)
+        _DRAWN[key] = irregularities
     return SimulatedTrack(line, irregularities, plan.line.gauge_m)
 
 
