@@ -75,7 +75,7 @@ def test_composing_the_gyro_gives_the_attitude_on_rough_track(rough_ride, vehicl
 @pytest.mark.parametrize("latitude_deg", LATITUDES)
 @pytest.mark.parametrize("lever_arm", [(0.0, 0.0, 0.0), (2.0, -0.5, 1.0)])
 def test_integrating_the_specific_force_gives_velocity_and_position(winding_ride, latitude_deg, lever_arm):
-    edges = tables.clock(40.0, 1000.0)
+    edges = tables.clock(25.0, 1000.0)
     off_velocity, off_position = _integrated(winding_ride, edges, latitude_deg, lever_arm)
     # With a lever arm the velocity jumps at kinks of the line, and the jump's direction is known to half a sample only.
     assert off_velocity < (1e-4 if any(lever_arm) else 1e-5)
