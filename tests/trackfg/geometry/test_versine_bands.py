@@ -43,7 +43,7 @@ def test_of_a_white_slope_bands_have_their_variance() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["mainline", "measuring-car"])
 def test_errors_of_a_run_are_within_the_sigmas(name: str) -> None:
-    run = simulate(name, seed=1, duration_s=400.0)
+    run = simulate(name, seed=1, duration_s=250.0)
     result: Result = smooth(run.recording)
     meaning = result.summary.geometry
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from trackfg.config import SmoothConfig
+from trackfg.config import SmoothConfig, SolverConfig
 from trackfg.datasets.scenarios import Simulation, scenario, simulate
 from trackfg.datasets.sensors.receiver_speeds import ReceiverSpeeds
 from trackfg.datasets.vehicle.vehicle import Rigid
@@ -168,6 +168,8 @@ def test_speeds_that_a_phone_has_filtered_leave_the_noise_of_its_sensors_to_be_f
     table = run.recording.others[GNSS_SPEED_TABLE]
     filtered = table.assign(speed_mps=table["speed_mps"].ewm(alpha=0.15).mean())
     recording = replace(without_tach(run.recording), imu=imu, others={GNSS_SPEED_TABLE: filtered})
-    ratios = smooth_states(recording, SmoothConfig()).noise_ratios
+    # The first rounds, whose sigmas are wrong, need not end at the minimum: after 50 steps it is found as well.
+    config = SmoothConfig(solver=SolverConfig(max_iterations=20))
+    ratios = smooth_states(recording, config).noise_ratios
     assert ratios["gyro"] < 1.3
     assert ratios["accel"] < 1.3

@@ -137,9 +137,13 @@ def test_undamped_steps_of_both_reach_the_same_minimum(solved: tuple[Problem, So
     parameters.setLinearSolverType("SEQUENTIAL_QR")
     parameters.setOrdering(export.ordering)
     optimiser = gtsam.GaussNewtonOptimizer(export.graph, displaced(solution.states, sd).to_gtsam(), parameters)
+    off = np.inf
     for _ in range(7):
         optimiser.iterate()
-    assert apart(export.states(optimiser.values()), states, sd) < SAME
+        off = apart(export.states(optimiser.values()), states, sd)
+        if off < SAME:
+            break
+    assert off < SAME
 
 
 def test_gtsam_sees_no_step_to_take_from_our_minimum(solved: tuple[Problem, Solution]) -> None:

@@ -144,7 +144,7 @@ def test_variance_is_interpolated_between_keyframes(states: States, gyro: np.nda
 def test_speed_has_the_noise_of_its_row_s_body_rate(states: States, gyro: np.ndarray) -> None:
     rng, span = np.random.default_rng(11), 0.02
     certain = Covariance.of_marginals(np.zeros((N, DIM, DIM)), np.zeros((N - 1, DIM, DIM)))
-    drawn = gyro + GYRO / np.sqrt(span) * rng.normal(size=(2000, N, 3))
+    drawn = gyro + GYRO / np.sqrt(span) * rng.normal(size=(1000, N, 3))
     motions = [replace(at_keyframes(states, rate), gyro_span=np.full(N, span)) for rate in drawn]
     tables = [trajectory_table(RUN, motion, states, certain) for motion in motions]
     scatter = np.std([table["speed_mps"] for table in tables], axis=0)

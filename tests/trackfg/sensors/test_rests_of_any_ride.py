@@ -136,7 +136,7 @@ def test_nothing_but_rests_is_found(ride: Ride) -> None:
     found_shares(ride)
 
 
-@pytest.mark.parametrize("idle", [0.0, 0.3, 1.0, 2.0])
+@pytest.mark.parametrize("idle", [0.0, 2.0])
 @pytest.mark.parametrize(("tach_noise", "quantum"), [(0.0, 0.0), (0.02, 0.0), (0.05, 0.0), (0.0, 0.003), (0.0, 0.02)])
 def test_half_of_nearly_every_rest_is_found(idle: float, tach_noise: float, quantum: float) -> None:
     """Noise can hide a rest, but it hides fewer than 1 in 20 of the shortest."""

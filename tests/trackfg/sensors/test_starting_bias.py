@@ -70,7 +70,7 @@ def test_what_lasts_for_minutes_is_no_bias_of_the_accelerometer() -> None:
     motion, _ = ride(streets)
     within = np.exp(-step / lasts_s)
     levels = []
-    for _ in range(12):
+    for _ in range(7):
         drawn = rng.normal(0.0, 0.02 * np.sqrt(1.0 - within**2), (len(motion.t), 2))
         tilt = lfilter([1.0], [1.0, -within], drawn, axis=0)
         accel = motion.accel + G * np.column_stack([tilt[:, 1], -tilt[:, 0], np.zeros(len(tilt))])
