@@ -16,6 +16,13 @@ from trackfg.datasets.sensors.positioning import BaliseModel
 from trackfg.datasets.vehicle.vehicle import Rigid
 
 STEP_M = 0.25
+
+
+def at_50_hz(plan):
+    """The scenario with fewer samples of the IMU, for tests that look at none."""
+    return replace(plan, imu=replace(plan.imu, rate_hz=50.0))
+
+
 ROUGH = IrregularityModel(
     "high", level_d1_sd_m=1.5e-3, alignment_d1_sd_m=1.1e-3, cross_level_d1_sd_m=1.3e-3, gauge_d1_sd_m=0.7e-3
 )
@@ -118,7 +125,7 @@ def test_what_is_drawn_once_a_run():
 
 @pytest.mark.parametrize("name", ["mainline", "shunting", "shunting-unsigned", "trolley"])
 def test_pulse_counts(name):
-    plan = scenario(name)
+    plan = at_50_hz(scenario(name))
     run = datasets.simulate(plan, seed=1, duration_s=400.0)
     tach, quantum = run.recording.tach, plan.tach.quantum_m
     count = tach["distance_m"] / quantum
@@ -132,7 +139,7 @@ def test_pulse_counts(name):
 
 
 def test_slips_are_in_the_count():
-    plan = scenario("slippery-line-leaves")
+    plan = at_50_hz(scenario("slippery-line-leaves"))
     run = datasets.simulate(plan, seed=1)
     tach, motion = run.recording.tach, run.ride.motion
     assert len(run.slips) > 10

@@ -405,7 +405,7 @@ def sequences(draw):
     return parts
 
 
-@settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=12, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(parts=sequences(), yaw=st.floats(-3.0, 3.0))
 def test_any_sequence_of_elements_is_read_back(read, parts, yaw):
     truth = Truth(parts, START, yaw)

@@ -59,7 +59,7 @@ def steady(roll: float, pitch: float, seconds: float = 40.0, yaw_rate: float = 0
 
 @pytest.fixture(scope="module")
 def axle_box() -> Simulation:
-    return simulate("axle-box", seed=0, duration_s=150.0)
+    return simulate("axle-box", seed=0, duration_s=100.0)
 
 
 def test_coefficient_is_one_over_gravity_squared_in_gal() -> None:

@@ -123,7 +123,7 @@ def exact() -> Simulation:
 
 @pytest.fixture(scope="module")
 def noisy() -> Simulation:
-    return simulate("measuring-car", seed=2, duration_s=600.0)
+    return simulate("measuring-car", seed=2, duration_s=400.0)
 
 
 def errors(simulation: Simulation, method: Method) -> pd.DataFrame:

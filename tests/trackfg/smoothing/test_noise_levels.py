@@ -21,7 +21,7 @@ from trackfg.smoothing.reassessment import SolvedRun
 from trackfg.smoothing.smoother import SmoothedStates, smooth, smooth_states
 from trackfg.solver.variance_components import Residuals
 
-DURATION_S = 300.0
+DURATION_S = 260.0
 ACCEL = list(IMU_COLUMNS[4:])
 FIXED = SmoothConfig(noise=NoiseConfig(adapt=False))
 

@@ -56,7 +56,7 @@ def with_fixes_scattered(recording: Recording, sd_m: float) -> Recording:
     return replace(recording, fixes=recording.fixes.assign(chainage_m=recording.fixes["chainage_m"] + noise))
 
 
-@pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.slow), pytest.param(2, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.slow)])
 def test_clean_runs_are_trusted(seed: int) -> None:
     run = with_balises(seed=seed)
     result = smooth(run.recording)

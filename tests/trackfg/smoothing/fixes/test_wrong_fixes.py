@@ -54,18 +54,6 @@ def test_right_fixes_stay(run: Simulation) -> None:
     assert set(result.events["kind"]).isdisjoint({"fix set aside"})
 
 
-@pytest.mark.slow
-def test_a_right_fix_stays_where_gnss_in_a_street_canyon_leads_the_run_astray() -> None:
-    """By 7 m, which is 7 sigmas of what all else predicts. Another fix has the chainage of one that is 5 km away."""
-    run = simulate("rough-ride", seed=6, duration_s=600.0)
-    result = smooth(run.recording)
-    (withheld,) = (finding for finding in result.summary.findings if finding.code == "fixes-withheld")
-    assert withheld.message.startswith("1 of 7 fixes")
-    truth = np.interp(result.trajectory["t_s"], run.truth["t_s"], run.truth["chainage_m"])
-    off = (result.trajectory["chainage_m"] - truth).abs()
-    assert (off < 4.0 * result.trajectory["chainage_m_sd"]).all()
-
-
 @pytest.fixture(scope="module")
 def against_the_direction(run: Simulation) -> Result:
     """Of the run whose description has the wrong direction."""
