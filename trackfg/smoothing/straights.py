@@ -83,12 +83,11 @@ def with_roll_of_mounting(run: SolvedRun) -> SolvedRun:
 
 def roll_of_mounting_sd(mean: MeanRoll, tilt: float) -> float:
     """Return by how much the reported roll is off, besides its own sigma, of a mounting that is tilted so much, rad."""
-    own, besides = mean.own, mean.besides
-    prior = own + max(mean.roll**2 - own - besides, tilt**2)
+    prior = mean.own + max(mean.roll**2 - mean.own - mean.besides, tilt**2)
     if prior == 0.0:
         return 0.0
-    gain = prior / (prior + besides)
-    return float(np.sqrt(max((gain * mean.roll) ** 2 + prior * (1.0 - gain) - own, 0.0)))
+    gain = prior / (prior + mean.besides)
+    return float(np.sqrt(max((gain * mean.roll) ** 2 + prior * (1.0 - gain) - mean.own, 0.0)))
 
 
 def _tilt(run: SolvedRun) -> float:

@@ -37,7 +37,18 @@ def test_jumps_add_up(recording: Recording) -> None:
     assert [finding.code for finding in mended.findings] == ["imu-clock-jump"] * 2
 
 
-def test_without_a_tach_nothing_is_said(recording: Recording) -> None:
+def test_without_a_tach_the_path_of_gnss_shows_a_jump(simulated: Callable[..., Simulation]) -> None:
+    recording = replace(simulated("mainline-gnss", seed=1, duration_s=500.0).recording, tach=None)
+    t = recording.imu["t_s"].to_numpy()
+    jumped = without_imu_clock_jumps(replace(recording, imu=recording.imu.assign(t_s=t + 5.0 * (t > 250.0))))
+    np.testing.assert_allclose(jumped.imu["t_s"], t, atol=0.02)
+    (finding,) = jumped.findings
+    assert "jumps ahead by 5.00 s against that of GNSS" in finding.message
+    for gap_s in (0.6, 5.0):
+        assert imu_clock_jumps(drop_imu(recording, 250.0, 250.0 + gap_s)) == ()
+
+
+def test_without_another_clock_nothing_is_said(recording: Recording) -> None:
     t = recording.imu["t_s"].to_numpy()
     alone = replace(recording, tach=None, imu=recording.imu.assign(t_s=t + 5.0 * (t > 150.0)))
     assert without_imu_clock_jumps(alone) is alone
