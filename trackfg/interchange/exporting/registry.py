@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from importlib.metadata import entry_points
-
 from trackfg.interchange.exporting.formats.geographic import GeoJson, GeoPackage, GeoParquet, Gpx
 from trackfg.interchange.exporting.formats.landxml import LandXml
 from trackfg.interchange.exporting.formats.mcap import Mcap
@@ -11,7 +9,7 @@ from trackfg.interchange.exporting.formats.rcm_dx import RcmDx
 from trackfg.interchange.exporting.formats.tables import Channels, Csv, Excel
 from trackfg.interchange.exporting.formats.tum import Tum
 from trackfg.interchange.exporting.result_format import ResultFormat
-from trackfg.interchange.format_names import by_name
+from trackfg.interchange.format_names import by_name, registered
 
 ENTRY_POINT = "trackfg.result_formats"
 """Other packages register a :class:`ResultFormat` class under this group."""
@@ -33,7 +31,7 @@ _OWN: tuple[type[ResultFormat], ...] = (
 
 def result_formats() -> dict[str, ResultFormat]:
     """Return the formats by name."""
-    others = [point.load()() for point in entry_points(group=ENTRY_POINT)]
+    others = [make() for make in registered(ENTRY_POINT)]
     return {form.key: form for form in (*(make() for make in _OWN), *others)}
 
 

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from importlib.metadata import entry_points
 from pathlib import Path
 
 from trackfg.errors import BadInputError
 from trackfg.files.owned_folder import kind_of
-from trackfg.interchange.format_names import by_name
+from trackfg.interchange.format_names import by_name, registered
 from trackfg.interchange.importing.source_format import SourceFormat
 from trackfg.interchange.importing.sources.gnss_log import GnssLog
 from trackfg.interchange.importing.sources.hdf5 import RcmDx, TableHdf5
@@ -43,7 +42,7 @@ _OWN: tuple[type[SourceFormat], ...] = (
 
 def source_formats() -> dict[str, SourceFormat]:
     """Return the formats by name: those of other packages first, so that they can be more particular."""
-    others = [point.load()() for point in entry_points(group=ENTRY_POINT)]
+    others = [make() for make in registered(ENTRY_POINT)]
     return {form.key: form for form in (*others, *(make() for make in _OWN))}
 
 
