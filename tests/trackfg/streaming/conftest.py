@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import pandas as pd
 import pytest
 
 from trackfg.config import KeyframeConfig, SmoothConfig
+from trackfg.datasets.scenarios import Scenario, scenario
 from trackfg.recording.model import Recording
 from trackfg.results.events import Event
 from trackfg.streaming.checkpoint.snapshot import Snapshot, dump, load_attributes
@@ -18,6 +20,12 @@ from trackfg.streaming.intake.intake import Intake
 from trackfg.streaming.sources.source import RecordingSource
 
 TWICE_A_SECOND = SmoothConfig(keyframes=KeyframeConfig(interval_s=0.5))
+
+
+def setting_off(name: str, start_rest_s: float = 12.0) -> Scenario:
+    """Return the scenario of that name, which stands for less long at first: a first window takes ten seconds."""
+    plan = scenario(name)
+    return replace(plan, driver=replace(plan.driver, start_rest_s=start_rest_s))
 
 
 class Streamed(NamedTuple):

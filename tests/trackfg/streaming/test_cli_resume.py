@@ -24,6 +24,8 @@ from trackfg.files.owned_folder import sole_writer
 from trackfg.streaming.checkpoint.checkpoint import Checkpoint, Checkpoints
 from trackfg.streaming.sinks.parquet_parts import read_parts
 
+from .conftest import setting_off
+
 NOTHING = Path("/dev/null")
 TRACKFG = [sys.executable, "-m", "trackfg", "stream"]
 DESCRIPTION = {
@@ -36,7 +38,7 @@ DESCRIPTION = {
 @pytest.fixture(scope="module")
 def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("stream") / "run"
-    simulate("trolley", seed=0, duration_s=120.0).write(folder)
+    simulate(setting_off("trolley", 30.0), seed=0, duration_s=80.0).write(folder)
     return folder
 
 
@@ -54,9 +56,14 @@ def refused(arguments: list[object]) -> str:
     return _written(2, arguments)
 
 
-def _written(status: int, arguments: list[object]) -> str:
+def _written(status: int, arguments: list[object], lines: Path = NOTHING) -> str:
     """Return what the command, in this process, writes to standard error until it ends with a status."""
-    with pytest.MonkeyPatch.context() as patch, contextlib.redirect_stderr(io.StringIO()) as text:
+    with (
+        lines.open() as rows,
+        pytest.MonkeyPatch.context() as patch,
+        contextlib.redirect_stderr(io.StringIO()) as text,
+    ):
+        patch.setattr(sys, "stdin", rows)
         patch.setattr(sys, "argv", ["trackfg", "stream", *map(str, arguments)])
         with pytest.raises(SystemExit) as ended:
             main.main()
@@ -65,11 +72,8 @@ def _written(status: int, arguments: list[object]) -> str:
 
 
 def said_of_lines(arguments: list[object], lines: Path) -> str:
-    """On standard error of a process that reads lines on standard input, where all went well."""
-    with lines.open("rb") as rows:
-        done = subprocess.run([*TRACKFG, *map(str, arguments)], stdin=rows, capture_output=True)
-    assert done.returncode == 0, done.stderr.decode()
-    return done.stderr.decode()
+    """On standard error of the command that reads lines on standard input, where all went well."""
+    return _written(0, arguments, lines)
 
 
 def killed(out: Path, arguments: list[object], wait_s: float, lines: Path = NOTHING) -> bool:
@@ -91,7 +95,7 @@ def killed(out: Path, arguments: list[object], wait_s: float, lines: Path = NOTH
 def test_a_killed_stream_goes_on_to_the_same_files(recording: Path, tmp_path: Path) -> None:
     out, arguments = tmp_path / "out", [recording, "--lag", "5", "--checkpoint-every", "3"]
     said([*arguments, "-o", tmp_path / "whole"])
-    wait_s, kills = np.random.default_rng(0).uniform(0.0, 0.6, 2), 0
+    wait_s, kills = np.random.default_rng(0).uniform(0.0, 0.3, 2), 0
     assert killed(out, arguments, wait_s[0])
     assert "holds an unfinished stream: go on with it by --resume" in refused([*arguments, "-o", out])
     for wait in wait_s[1:]:
@@ -131,13 +135,11 @@ def test_a_live_feed_goes_on_from_now(tmp_path: Path) -> None:
             time.sleep(0.01)
         feed.kill()
     lines.write_text("\n".join([first, *rows[after:]]))
-    with lines.open("rb") as again:
-        refusal = subprocess.run([*TRACKFG, *map(str, arguments), "--resume"], stdin=again, capture_output=True)
+    refusal = _written(2, [*arguments, "--resume"], lines)
 
     written = said_of_lines([*arguments, "--resume", "--from-now"], lines)
 
-    assert refusal.returncode == 2
-    assert "--from-now takes the description and the lines that come now" in refusal.stderr.decode()
+    assert "--from-now takes the description and the lines that come now" in refusal
     assert " s with the lines that come now; what was sent since then is missing" in written
     t = read_parts(out, "smoothed")["t_s"]
     assert t.iloc[-1] > 29.0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 import subprocess
 import sys
@@ -18,13 +19,15 @@ from trackfg.results.columns import GEOMETRY_COLUMNS, TRAJECTORY_COLUMNS
 from trackfg.streaming.run import StreamCounts
 from trackfg.streaming.sinks.parquet_parts import read_parts
 
+from .conftest import setting_off
+
 TRACKFG = [sys.executable, "-m", "trackfg", "stream"]
 
 
 @pytest.fixture(scope="module")
 def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("stream") / "run"
-    simulate("trolley", seed=0, duration_s=90.0).write(folder)
+    simulate(setting_off("trolley", 20.0), seed=0, duration_s=50.0).write(folder)
     return folder
 
 
@@ -35,7 +38,7 @@ def test_a_recording_into_parts(recording: Path, trackfg: Callable[..., Any], tm
     filtered, smoothed, geometry = (read_parts(tmp_path / "out", name) for name in ("filtered", "smoothed", "geometry"))
     assert tuple(filtered) == tuple(smoothed) == TRAJECTORY_COLUMNS
     assert tuple(geometry) == ("t_s", *GEOMETRY_COLUMNS)
-    assert smoothed["t_s"].iloc[-1] > 88.0
+    assert smoothed["t_s"].iloc[-1] > 48.0
     np.testing.assert_allclose(np.diff(smoothed["t_s"]), 0.1, atol=1e-9)
 
 
@@ -63,35 +66,48 @@ def json_lines(duration_s: float) -> tuple[str, list[str]]:
     ]
 
 
-def test_rows_in_random_order_are_dropped_with_a_warning() -> None:
+@pytest.fixture
+def stream_of_lines(trackfg: Callable[..., Any], monkeypatch: pytest.MonkeyPatch) -> Callable[..., Any]:
+    """Return what runs ``trackfg stream -`` with options, in this process, which reads these lines."""
+
+    def run(lines: list[str], *options: object) -> Any:
+        text = io.TextIOWrapper(io.BytesIO("\n".join(lines).encode()))
+        monkeypatch.setattr(sys, "stdin", text)
+        return trackfg("stream", "-", *options)
+
+    return run
+
+
+def test_rows_in_random_order_are_dropped_with_a_warning(stream_of_lines: Callable[..., Any]) -> None:
     description, rows = json_lines(12.0)
     rows = np.random.default_rng(1).permutation(rows).tolist()
-    done = subprocess.run(
-        [*TRACKFG, "-", "--lag", "5", "-o", "-"], input="\n".join([description, *rows]), capture_output=True, text=True
-    )
+    done = stream_of_lines([description, *rows], "--lag", "5", "-o", "-")
     assert done.returncode == 0
     assert f" of {len(rows)} rows were dropped" in " ".join(done.stderr.split())
 
 
-def test_rows_in_wrong_units_end_a_stream_that_begins_in_the_same_folder_once_corrected(tmp_path: Path) -> None:
+def test_rows_in_wrong_units_end_a_stream_that_begins_in_the_same_folder_once_corrected(
+    stream_of_lines: Callable[..., Any], tmp_path: Path
+) -> None:
     description, rows = json_lines(13.0)
-    command = [*TRACKFG, "-", "--lag", "5", "-o", tmp_path / "out"]
+    options = ["--lag", "5", "-o", tmp_path / "out"]
     wrong = json.loads(description)
     wrong["description"]["imu"]["accel_unit"] = "g"
-    refused = subprocess.run(command, input="\n".join([json.dumps(wrong), *rows]), capture_output=True, text=True)
+    refused = stream_of_lines([json.dumps(wrong), *rows], *options)
     assert refused.returncode == 2
     assert 'Hint: the data look like m/s^2: set imu.accel_unit = "m/s^2"' in " ".join(refused.stderr.split())
     assert not list((tmp_path / "out").iterdir())
-    subprocess.run(command, input="\n".join([description, *rows]), text=True, check=True)
+    assert stream_of_lines([description, *rows], *options).returncode == 0
     assert len(read_parts(tmp_path / "out", "filtered"))
 
 
-def test_a_table_that_is_late_and_a_stream_without_estimates_are_warnings() -> None:
+def test_a_table_that_is_late_and_a_stream_without_estimates_are_warnings(
+    stream_of_lines: Callable[..., Any],
+) -> None:
     description, rows = json_lines(12.0)
     late = sorted(rows, key=lambda row: json.loads(row)["t"] + ('"tach"' in row))
-    done = subprocess.run(
-        [*TRACKFG, "-", "-o", "-"], input="\n".join([description, *late]), capture_output=True, text=True, check=True
-    )
+    done = stream_of_lines([description, *late], "-o", "-")
+    assert done.returncode == 0
     said = done.stderr.splitlines()[1:]
     count = sum('"tach"' in row for row in rows)
     assert said[0].startswith("trackfg: warning: tach: ")

@@ -24,6 +24,8 @@ from trackfg.streaming.intake.intake import Intake
 from trackfg.streaming.sources.source import RecordingSource
 from trackfg.streaming.window.moving_window import MovingWindow
 
+from .conftest import setting_off
+
 ATTITUDE = ("roll_rad", "pitch_rad", "yaw_rad")
 
 
@@ -80,7 +82,7 @@ def test_a_step_of_the_whole_window_leaves_nothing_to_move(run: Any, monkeypatch
 
 
 def test_how_rows_are_grouped_makes_no_difference(stream: Callable[..., Any]) -> None:
-    recording = simulate("mainline", seed=1, duration_s=50.0).recording
+    recording = simulate(setting_off("mainline"), seed=1, duration_s=37.0).recording
     first, second = (stream(recording, lag_s=5.0, batch_s=batch_s) for batch_s in (0.1, 1.7))
     for one, other in zip(first[1:4], second[1:4], strict=True):
         pd.testing.assert_frame_equal(one, other, check_exact=True)
@@ -143,8 +145,8 @@ def test_a_tach_that_is_off_says_of_no_rest(stream: Callable[..., Any]) -> None:
 
 
 def test_seconds_without_any_rows_are_not_taken_for_even_motion(stream: Callable[..., Any]) -> None:
-    run = simulate("mainline", seed=3, duration_s=60.0)
-    off_s = (34.63, 38.89)  # while it accelerates
+    run = simulate(setting_off("mainline"), seed=3, duration_s=42.0)
+    off_s = (16.63, 20.89)  # while it accelerates
     ours = stream(drop_tach(drop_imu(run.recording, *off_s), *off_s), lag_s=10.0)
     after = ours.filtered[ours.filtered["t_s"] > off_s[1]]
     for name in ("speed_mps", "pitch_rad"):

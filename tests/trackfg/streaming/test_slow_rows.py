@@ -11,9 +11,11 @@ import numpy as np
 from trackfg.config import SmoothConfig
 from trackfg.datasets.scenarios import simulate
 
+from .conftest import setting_off
+
 
 def test_a_tach_that_is_read_once_a_second_measures_the_way(stream: Callable[..., Any]) -> None:
-    run = simulate("mainline", seed=3, duration_s=90.0)
+    run = simulate(setting_off("mainline"), seed=3, duration_s=72.0)
     tach = run.recording.tach
     assert tach is not None
     second = tach[np.diff(np.floor(tach["t_s"] + 0.4), prepend=-1.0) > 0.0].reset_index(drop=True)
@@ -28,7 +30,7 @@ def test_a_tach_that_is_read_once_a_second_measures_the_way(stream: Callable[...
 
 
 def test_positions_between_two_samples_make_no_keyframes_besides_their_own(stream: Callable[..., Any]) -> None:
-    run = simulate("mainline-gnss", seed=3, duration_s=60.0)
+    run = simulate(setting_off("mainline-gnss"), seed=3, duration_s=42.0)
     gnss = run.recording.gnss
     assert gnss is not None
     between = gnss.assign(t_s=gnss["t_s"] + 0.0023)

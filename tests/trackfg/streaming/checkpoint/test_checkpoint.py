@@ -305,10 +305,10 @@ def test_checkpoints_do_not_grow(tmp_path: Path) -> None:
     class Measured(Checkpoints):
         def write(self, checkpoint: Checkpoint) -> None:
             super().write(checkpoint)
-            if not checkpoint.finished and checkpoint.until_s is not None and checkpoint.until_s > 60.0:
+            if not checkpoint.finished and checkpoint.until_s is not None and checkpoint.until_s > 40.0:
                 sizes.append(self.path.stat().st_size)
 
-    source = RecordingSource(simulate("shuttle", seed=1, duration_s=180.0).recording)
-    stream_of(source).run(ParquetParts(tmp_path), Measured(tmp_path / "checkpoint", every_s=12.0))
+    source = RecordingSource(simulate("shuttle", seed=1, duration_s=130.0).recording)
+    stream_of(source).run(ParquetParts(tmp_path), Measured(tmp_path / "checkpoint", every_s=9.0))
     assert len(sizes) >= 9
     assert max(sizes) < 2.0 * min(sizes) < 3e6

@@ -213,7 +213,7 @@ def test_rows_twice_are_dropped_and_counted() -> None:
 @pytest.mark.parametrize("name", ["imu", "tach"])
 @pytest.mark.parametrize("at", [0, 57])
 def test_one_wrong_stamp_costs_one_row(name: str, jump: float, at: int) -> None:
-    tables = rows_of(20.0)
+    tables = rows_of(8.0)
     tables[name][at, 0] += jump
     pushed = batches(in_order({k: np.delete(v, at, axis=0) if k == name else v for k, v in tables.items()}), 10)
     first = pushed[next(i for i, batch in enumerate(pushed) if name in batch and batch[name][-1, 1] >= at)]
@@ -226,7 +226,7 @@ def test_one_wrong_stamp_costs_one_row(name: str, jump: float, at: int) -> None:
 
 @pytest.mark.parametrize("gap_s", [3.0, 90.0, 590.0])
 def test_a_clock_that_went_forward_for_good_is_a_gap(gap_s: float) -> None:
-    tables = {name: rows[(rows[:, 0] < 10) | (rows[:, 0] >= 10)] for name, rows in rows_of(30.0).items()}
+    tables = {name: rows[(rows[:, 0] < 10) | (rows[:, 0] >= 10)] for name, rows in rows_of(17.0).items()}
     for rows in tables.values():
         rows[rows[:, 0] >= 10, 0] += gap_s
     out, events = stream(tables)
@@ -241,7 +241,7 @@ def test_a_clock_that_went_forward_for_good_is_a_gap(gap_s: float) -> None:
 @pytest.mark.parametrize("back_s", [0.403, 0.503, 1.003, 3.0, 4.7, 7.0, 30.0, 3600.0, 1e9, -700.0, -3600.0, -1e9])
 def test_a_clock_set_for_good_goes_on_shifted(back_s: float) -> None:
     """All tables have one clock: no row is lost, times go on growing, all by the same shift."""
-    tables = rows_of(30.0)
+    tables = rows_of(17.0)
     pushed = set_back(batches(in_order(tables), 13), back_s)
     out, events = through(ReorderBuffer.of(RATES), pushed)
     for name, rows in tables.items():
@@ -268,7 +268,7 @@ def test_a_clock_set_back_by_less_than_rows_may_be_late_is_no_disorder(back_s: f
 
 def test_tables_with_clocks_of_their_own_stay_as_they_are() -> None:
     """In disorder later on, too."""
-    tables = {name: rows for name, rows in rows_of(30.0).items() if name != "fixes"}
+    tables = {name: rows for name, rows in rows_of(20.0).items() if name != "fixes"}
     late = {name: np.where(rows[:, 1] % 97 == 96, 0.08, 0.0) for name, rows in tables.items()}
     pushed = batches(in_order(tables, late), 13)
     out, events = through(ReorderBuffer.of(RATES), set_back(pushed, 0.154, only="imu"))
@@ -280,7 +280,7 @@ def test_tables_with_clocks_of_their_own_stay_as_they_are() -> None:
 @pytest.mark.parametrize("seed", range(5))
 def test_rows_in_disorder_with_uneven_stamps_are_no_clock_set_back(seed: int) -> None:
     rng = np.random.default_rng(seed)
-    tables = rows_of(20.0)
+    tables = rows_of(12.0)
     for name, rows in tables.items():
         rows[:, 0] += rng.uniform(0.0, 0.4, len(rows)) / RATES[name]
     delays = {name: rng.choice([0.0, 0.1], len(rows), p=[0.8, 0.2]) for name, rows in tables.items()}
@@ -292,7 +292,7 @@ def test_rows_in_disorder_with_uneven_stamps_are_no_clock_set_back(seed: int) ->
 
 @pytest.mark.parametrize("jump_s", [-3600.0, 3600.0])
 def test_wrong_stamps_among_the_first_of_a_new_clock_cost_themselves_only(jump_s: float) -> None:
-    tables = rows_of(30.0)
+    tables = rows_of(22.0)
     pushed = batches(in_order(tables), 13)
     wrong = 0
     for k, batch in enumerate(pushed):
@@ -303,13 +303,13 @@ def test_wrong_stamps_among_the_first_of_a_new_clock_cost_themselves_only(jump_s
                 wrong += 1
     out, events = through(ReorderBuffer.of(RATES), pushed)
     assert lost(events) == {("clock-jump", "imu"): wrong}
-    assert wrong > 30
-    assert out["imu"].shape[0] == 3000 - wrong
+    assert wrong > 15
+    assert out["imu"].shape[0] == 2200 - wrong
 
 
 @pytest.mark.parametrize("block", [(930, 990), (600, 970), (800, 1000)])
 def test_rows_sent_again_in_one_piece_are_no_clock_set_back(block: tuple[int, int]) -> None:
-    tables = rows_of(30.0)
+    tables = rows_of(15.0)
     pushed = batches(in_order(tables), 13)
     place = next(i for i, batch in enumerate(pushed) if "imu" in batch and batch["imu"][-1, 1] >= 1000)
     pushed.insert(place, {"imu": tables["imu"][slice(*block)]})
@@ -322,7 +322,7 @@ def test_rows_sent_again_in_one_piece_are_no_clock_set_back(block: tuple[int, in
 
 @pytest.mark.parametrize("hole", [(900, 970), (700, 970), (500, 700)])
 def test_rows_that_fill_a_hole_too_late_are_no_clock_set_back(hole: tuple[int, int]) -> None:
-    tables = rows_of(30.0)
+    tables = rows_of(15.0)
     missed, tables["imu"] = tables["imu"][slice(*hole)], np.delete(tables["imu"], slice(*hole), axis=0)
     pushed = batches(in_order(tables), 13)
     place = next(i for i, batch in enumerate(pushed) if "imu" in batch and batch["imu"][-1, 1] >= 1020)
@@ -351,7 +351,7 @@ def test_a_table_whose_clock_alone_is_wrong_is_refused_until_it_is_right_again()
     [(18.0, "18.0 s or more ahead of the IMU's"), (-604800.0, "up to 604800.0 s behind the IMU's")],
 )
 def test_times_off_the_imus_say_by_how_much(off_s: float, expected: str) -> None:
-    tables = rows_of(30.0)
+    tables = rows_of(15.0)
     pushed = batches(in_order(tables), 1)
     for batch in pushed:
         if "fixes" in batch:

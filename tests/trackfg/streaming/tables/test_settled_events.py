@@ -19,6 +19,8 @@ from trackfg.evaluation.slip_scores import score_slips
 from trackfg.results.columns import EVENT_COLUMNS
 from trackfg.results.events import Event
 
+from ..conftest import setting_off
+
 SLIPS = ("slip", "slide")
 
 
@@ -51,8 +53,8 @@ def twice(t: pd.Series) -> float:
 @pytest.fixture(scope="module")
 def slipping() -> Simulation:
     """A slip, and a slide that is longer than a piece, and than the lag."""
-    run = simulate("mainline", seed=2, duration_s=125.0)
-    return slip_wheel(run, [WheelSlip(62.0, 3.0, 0.3), WheelSlip(85.0, 16.0, -0.25)])
+    run = simulate(setting_off("mainline"), seed=2, duration_s=107.0)
+    return slip_wheel(run, [WheelSlip(44.0, 3.0, 0.3), WheelSlip(67.0, 16.0, -0.25)])
 
 
 @pytest.fixture(scope="module")
@@ -90,19 +92,19 @@ def test_how_rows_are_grouped_makes_no_difference(
 
 
 def test_holes_are_reported(stream: Callable[..., Any]) -> None:
-    recording = simulate("mainline", seed=2, duration_s=105.0).recording
-    events = table_of(stream(drop_tach(drop_imu(recording, 60.0, 62.0), 80.0, 95.0), lag_s=8.0).events)
+    recording = simulate(setting_off("mainline"), seed=2, duration_s=87.0).recording
+    events = table_of(stream(drop_tach(drop_imu(recording, 42.0, 44.0), 62.0, 77.0), lag_s=8.0).events)
     events = events.set_index("kind")
     assert events.index.tolist() == ["standstill", "imu gap", "tach gap"]
-    assert events.loc["imu gap", ["start_s", "end_s"]].tolist() == pytest.approx([60.0, 62.0], abs=0.01)
-    assert events.loc["tach gap", ["start_s", "end_s"]].tolist() == pytest.approx([80.0, 95.0], abs=0.05)
+    assert events.loc["imu gap", ["start_s", "end_s"]].tolist() == pytest.approx([42.0, 44.0], abs=0.01)
+    assert events.loc["tach gap", ["start_s", "end_s"]].tolist() == pytest.approx([62.0, 77.0], abs=0.05)
 
 
 def test_a_tach_that_falls_silent_for_good_is_a_gap_up_to_the_end(stream: Callable[..., Any]) -> None:
-    recording = simulate("mainline", seed=0, duration_s=70.0).recording
-    dead, ends_earlier = (stream(drop_tach(recording, since, 70.1), lag_s=8.0).events for since in (45.0, 67.0))
+    recording = simulate(setting_off("mainline"), seed=0, duration_s=52.0).recording
+    dead, ends_earlier = (stream(drop_tach(recording, since, 52.1), lag_s=8.0).events for since in (27.0, 49.0))
     ((gap_s, gap_until_s),) = [(event.t_s, event.until_s) for event in dead if event.kind == "tach gap"]
-    assert (gap_s, gap_until_s) == pytest.approx((45.0, 70.0), abs=0.05)
+    assert (gap_s, gap_until_s) == pytest.approx((27.0, 52.0), abs=0.05)
     assert "tach gap" not in {event.kind for event in ends_earlier}
 
 
@@ -119,13 +121,13 @@ def test_fixes_are_used_or_set_aside(stream: Callable[..., Any]) -> None:
 
 
 def test_gnss_outliers_are_runs(stream: Callable[..., Any]) -> None:
-    recording = simulate("mainline-gnss", seed=3, duration_s=105.0).recording
+    recording = simulate(setting_off("mainline-gnss"), seed=3, duration_s=87.0).recording
     assert recording.gnss is not None
     gnss = recording.gnss.copy()
-    gnss.loc[76:88, "east_m"] += 60.0
+    gnss.loc[58:70, "east_m"] += 60.0
     events = stream(replace(recording, gnss=gnss), lag_s=8.0, config=SmoothConfig()).events
-    aside = [event for event in events if event.kind == "gnss set aside" and 75.0 < (event.t_s or 0.0) < 90.0]
-    assert [(event.t_s, event.until_s) for event in aside] == [pytest.approx((76.0, 88.0), abs=0.01)]
+    aside = [event for event in events if event.kind == "gnss set aside" and 57.0 < (event.t_s or 0.0) < 72.0]
+    assert [(event.t_s, event.until_s) for event in aside] == [pytest.approx((58.0, 70.0), abs=0.01)]
     assert aside[0].detail.startswith("13 positions")
 
 
@@ -134,25 +136,27 @@ def test_a_tach_that_is_stuck_for_long_is_reported_in_parts(
     stream: Callable[..., Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("trackfg.streaming.tables.settled_events.LONGEST_S", 10.0)  # and up to a pass more
-    recording = simulate("mainline-gnss", seed=2, duration_s=120.0).recording
+    recording = simulate(setting_off("mainline-gnss"), seed=2, duration_s=98.0).recording
     assert recording.tach is not None
     tach = recording.tach.copy()
     tach["distance_m"] = np.where(
-        tach["t_s"] > 70.0, np.interp(70.0, tach["t_s"], tach["distance_m"]), tach["distance_m"]
+        tach["t_s"] > 44.0, np.interp(44.0, tach["t_s"], tach["distance_m"]), tach["distance_m"]
     )
     events = table_of(stream(replace(recording, tach=tach), lag_s=8.0, config=SmoothConfig()).events)
     slides = events[events["kind"] == "slide"]
     assert len(slides) > 2
-    assert slides["start_s"].min() == pytest.approx(70.0, abs=1.5)
-    assert slides["end_s"].max() == pytest.approx(120.0, abs=1.5)
+    assert slides["start_s"].min() == pytest.approx(44.0, abs=1.5)
+    assert slides["end_s"].max() == pytest.approx(98.0, abs=1.5)
     between = slides["start_s"].to_numpy()[1:] - slides["end_s"].to_numpy()[:-1]
     np.testing.assert_allclose(between, 0.1, atol=0.11)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", [1, 2])
-def test_recall_and_precision_are_those_of_the_batch_smoother(stream: Callable[..., Any], seed: int) -> None:
-    run = simulate("slippery-line-leaves", seed=seed, duration_s=300.0)
+@pytest.mark.parametrize(("seed", "duration_s"), [(1, 80.0), (2, 175.0)])
+def test_recall_and_precision_are_those_of_the_batch_smoother(
+    stream: Callable[..., Any], seed: int, duration_s: float
+) -> None:
+    run = simulate("slippery-line-leaves", seed=seed, duration_s=duration_s)
     slips = run.slips.astype({"start_s": float, "end_s": float, "peak_creep": float})
     batch = score_slips(smooth(run.recording).events, slips, run.truth)
     events = stream(run.recording, lag_s=10.0, batch_s=2.0, config=SmoothConfig()).events

@@ -11,8 +11,7 @@ import pandas as pd
 import pytest
 
 from trackfg.config import NoiseConfig, SmoothConfig
-from trackfg.datasets.scenarios import Simulation, scenario, simulate
-from trackfg.datasets.vehicle.driving import Service
+from trackfg.datasets.scenarios import Simulation, simulate
 from trackfg.factors.imu import Preintegration, PreintegrationNoise
 from trackfg.factors.motion import non_holonomic
 from trackfg.factors.states import States
@@ -22,6 +21,8 @@ from trackfg.solver.variance_components import Residuals
 from trackfg.streaming.window.noise_record import NoiseRecord, _with_more
 from trackfg.streaming.window.sample_buffer import SampleBuffer
 from trackfg.streaming.window.window import Window
+
+from ..conftest import setting_off
 
 N = 60
 """Intervals of the windows here."""
@@ -151,11 +152,9 @@ def settings(*, adapt: bool) -> SmoothConfig:
     return SmoothConfig(noise=NoiseConfig(adapt=adapt))
 
 
-def train(seed: int) -> Simulation:
-    """Two and a half minutes with GNSS, of which it stands for the first twenty seconds."""
-    plan = scenario("mainline-gnss")
-    assert isinstance(plan.driver, Service)
-    return simulate(replace(plan, driver=replace(plan.driver, start_rest_s=20.0)), seed=seed, duration_s=150.0)
+def train(seed: int, start_rest_s: float) -> Simulation:
+    """A rest, then a hundred seconds on its way, with GNSS."""
+    return simulate(setting_off("mainline-gnss", start_rest_s), seed=seed, duration_s=start_rest_s + 100.0)
 
 
 def with_noise(run: Simulation, *, at_rest: bool) -> Recording:
@@ -171,8 +170,8 @@ def with_noise(run: Simulation, *, at_rest: bool) -> Recording:
 
 
 def excess_of(ours: Any, run: Simulation) -> list[float]:
-    """Return errors over their sigmas, rms, of filtered rows from 60 s on."""
-    table = ours.filtered[ours.filtered["t_s"] > 60.0]
+    """Return errors over their sigmas, rms, of filtered rows from 50 s on."""
+    table = ours.filtered[ours.filtered["t_s"] > 50.0]
     names = ("east_m", "north_m", "speed_mps", "roll_rad", "pitch_rad")
     errors = (table[name] - np.interp(table["t_s"], run.truth["t_s"], run.truth[name]) for name in names)
     return [
@@ -182,7 +181,7 @@ def excess_of(ours: Any, run: Simulation) -> list[float]:
 
 @pytest.mark.slow
 def test_sigmas_of_a_stream_hold_with_noise_of_motion_that_nobody_declared(stream: Callable[..., Any]) -> None:
-    run = train(4)
+    run = train(4, 12.0)
     excess = {}
     for adapt in (True, False):
         ours = stream(with_noise(run, at_rest=False), lag_s=10.0, config=settings(adapt=adapt))
@@ -196,13 +195,13 @@ def test_sigmas_of_a_stream_hold_with_noise_of_motion_that_nobody_declared(strea
 @pytest.mark.slow
 def test_a_rest_shows_noise_that_nobody_declared(stream: Callable[..., Any]) -> None:
     """By residuals alone such streams were off by 10 to 15 m: those of the start do not show which sensor errs."""
-    run = train(2)
+    run = train(2, 20.0)
     ours = stream(with_noise(run, at_rest=True), lag_s=10.0, config=settings(adapt=False))
     assert max(excess_of(ours, run)) < 2.5
 
 
 @pytest.mark.slow
 def test_a_stream_with_noise_as_declared_is_as_without_levels(stream: Callable[..., Any]) -> None:
-    run = simulate("mainline", seed=3, duration_s=100.0).recording
+    run = simulate(setting_off("mainline"), seed=3, duration_s=80.0).recording
     with_levels, without = (stream(run, lag_s=10.0, config=settings(adapt=adapt)).smoothed for adapt in (True, False))
     pd.testing.assert_frame_equal(with_levels, without)
