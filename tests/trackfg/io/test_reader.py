@@ -303,7 +303,7 @@ def recordings(draw: st.DrawFn) -> Recording:
 
 
 @given(recordings(), st.sampled_from(["parquet", "csv"]))
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=25, deadline=None)
 def test_any_recording_survives_the_round_trip(
     tmp_path_factory: pytest.TempPathFactory, recording: Recording, table_format: Any
 ) -> None:
@@ -472,7 +472,7 @@ def read_or_refuse(path: Path) -> None:
 
 
 @given(edits=edits)
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=150, deadline=None)
 def test_a_mutilated_description_is_read_or_refused(small_recording: tuple[Path, str, str], edits: Any) -> None:
     folder, toml, _ = small_recording
     (folder / "other.toml").write_text(mutilated(toml, edits), encoding="utf-8", errors="surrogatepass")
@@ -480,7 +480,7 @@ def test_a_mutilated_description_is_read_or_refused(small_recording: tuple[Path,
 
 
 @given(edits=edits)
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=100, deadline=None)
 def test_a_mutilated_table_is_read_or_refused(small_recording: tuple[Path, str, str], edits: Any) -> None:
     folder, toml, table = small_recording
     (folder / "cut.csv").write_text(mutilated(table, edits), encoding="utf-8", errors="surrogatepass", newline="")
@@ -489,7 +489,7 @@ def test_a_mutilated_table_is_read_or_refused(small_recording: tuple[Path, str, 
 
 
 @given(data=st.binary(max_size=200))
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=50, deadline=None)
 def test_bytes_that_mean_nothing_are_refused(small_recording: tuple[Path, str, str], data: bytes) -> None:
     folder, toml, _ = small_recording
     for suffix in ("csv", "parquet"):

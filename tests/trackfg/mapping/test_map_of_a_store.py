@@ -81,13 +81,13 @@ def test_processes_make_the_same_map(
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """Two runs one after another, and two blocks of three for the processes."""
+    """Two runs one after another, and two blocks of two for the processes."""
     from .joining.test_many_runs import repeated
 
     monkeypatch.setattr(build, "_ONE_BY_ONE", 2)
     for module in (build, map_file):
-        monkeypatch.setattr(module, "BLOCK", 3)
-    for number in range(8):
+        monkeypatch.setattr(module, "BLOCK", 2)
+    for number in range(6):
         put(store, f"many{number:02d}", "9", repeated(ride(number % 2).result, number))
     maps = []
     for jobs in (1, 2):
@@ -96,5 +96,5 @@ def test_processes_make_the_same_map(
         assert trackfg("map", "build", store.place, *options).returncode == 0
         maps.append(read_map(place))
     alone, shared = (replace(each, written_at=None) for each in maps)
-    assert len(alone.runs) == 8
+    assert len(alone.runs) == 6
     assert all(getattr(alone, name).equals(getattr(shared, name)) for name in ("grid", "landmarks", "line", "runs"))

@@ -135,7 +135,7 @@ def test_speeds_without_any_time_are_named(tmp_path: Path) -> None:
 
 @pytest.fixture(scope="module")
 def journey(simulated: Callable[..., Simulation]) -> Simulation:
-    return simulated("mainline-gnss", seed=2, duration_s=300.0)
+    return simulated("mainline-gnss", seed=2, duration_s=120.0)
 
 
 def logged(run: Simulation, folder: Path, **columns: np.ndarray) -> Path:
