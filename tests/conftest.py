@@ -23,6 +23,9 @@ from trackfg.numerics.kernels import compiled_kernels
 if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
+# To compile the loop of python-ins takes as long as to run it uncompiled over 300 s at 200 Hz; tests have less.
+os.environ.setdefault("NUMBA_DISABLE_JIT", "1")
+
 # How long an example takes says nothing on a machine that has other work.
 settings.register_profile("any machine", deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("any machine")

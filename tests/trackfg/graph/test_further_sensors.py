@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -19,6 +20,12 @@ from trackfg.graph.further_sensors import integrated
 from trackfg.smoothing.smoother import SmoothedStates, smooth_states
 
 RADAR, TWO_AXLES = "slippery-line-radar", "slippery-line-two-axles"
+
+
+@cache
+def radar_run(seed: int) -> Simulation:
+    """A run of 300 s with a radar. Nobody may change its tables."""
+    return simulate(RADAR, seed=seed, duration_s=300.0)
 
 
 def errors(run: Simulation, smoothed: SmoothedStates) -> tuple[np.ndarray, np.ndarray]:
@@ -72,7 +79,7 @@ def test_a_radar_helps_where_wheels_slip_and_its_sigmas_are_true() -> None:
     """As measured over four seeds of 400 s: 0.066 m instead of 0.104 m rms."""
     squares, covered = [], []
     for seed in (1, 2, 3, 4):
-        run = simulate(RADAR, seed=seed, duration_s=300.0)
+        run = radar_run(seed)
         smoothed = smooth_states(run.recording, SmoothConfig())
         error, sd = errors(run, smoothed)
         alone, _ = errors(run, smooth_states(without_radar(run).recording, SmoothConfig()))
@@ -86,7 +93,7 @@ def test_a_radar_helps_where_wheels_slip_and_its_sigmas_are_true() -> None:
 
 def test_a_radar_alone_measures_the_speed() -> None:
     """Neither tach nor GNSS: the run is smoothed all the same, held by its fixes."""
-    run = simulate(RADAR, seed=3, duration_s=300.0)
+    run = radar_run(3)
     description = run.recording.description.model_copy(update={"tach": None})
     run = replace(run, recording=replace(run.recording, description=description, tach=None))
     smoothed = smooth_states(run.recording, SmoothConfig())

@@ -20,7 +20,7 @@ ErrorOf = Callable[[BaselineResult, Simulation, str], Array]
 pytest.importorskip("pyins")
 
 LATITUDE_DEG = 35.2
-DURATION_S = 50.0
+DURATION_S = 32.0
 
 
 @pytest.fixture(scope="module")
@@ -30,6 +30,7 @@ def on_earth() -> Simulation:
     plan = replace(
         plan,
         imu=replace(plan.imu, rate_hz=50.0, lever_arm_m=(1.0, 0.5, 1.2)),
+        driver=replace(plan.driver, start_rest_s=12.0),
         latitude_deg=LATITUDE_DEG,
         irregularities=None,
     )
@@ -69,7 +70,7 @@ def test_sigmas_come_with_what_is_known(result: BaselineResult) -> None:
 
 
 def test_without_a_latitude_it_takes_the_default_and_counts_yaw_from_the_start(error_of: ErrorOf) -> None:
-    run = simulate("trolley", seed=1, duration_s=40.0, noise=False)
+    run = simulate("trolley", seed=1, duration_s=20.0, noise=False)
     found = python_ins.run(_thinned(run.recording))
     assert found.parameters["latitude_deg"] == python_ins.DEFAULT_LATITUDE_DEG
     assert np.abs(error_of(found, run, "roll_rad")).max() < 2e-4

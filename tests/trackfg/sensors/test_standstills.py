@@ -64,7 +64,7 @@ def test_parked_run_is_one_standstill(simulated: Callable[..., Simulation]) -> N
         np.testing.assert_allclose(find_standstills(one, MIN_REST_S), [[0.0, 100.0]], atol=2.0)
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", range(2))
 def test_silent_tach_on_a_moving_vehicle_is_no_standstill(simulated: Callable[..., Simulation], seed: int) -> None:
     """A broken cable: the count stays where it is while the train runs on through curves."""
     run = simulated("mainline", seed=seed, duration_s=200.0)
@@ -88,7 +88,7 @@ def test_where_a_tach_has_no_rows_nobody_knows(
         assert np.ptp(run.ride.motion.path(np.linspace(start, end, 200))) < 1e-3
 
 
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", range(4))
 def test_without_a_tach_gnss_must_have_seen_the_rest(simulated: Callable[..., Simulation], seed: int) -> None:
     """On a smooth straight at constant speed the inertial sensor is as quiet as at rest."""
     run = simulated("mainline-gnss", seed=seed, duration_s=200.0)

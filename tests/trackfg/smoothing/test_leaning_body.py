@@ -53,5 +53,5 @@ def test_a_body_declared_rigid_is_found_out_and_its_geometry_not_trusted(
     verdicts = {verdict.quantity: verdict.status for verdict in body.verdicts}
     assert verdicts["cross_level"] == verdicts["twist"] == "not_trusted"
     assert verdicts["roll"] == "widened"
-    assert not leaning_body(smoothed("mainline", seed=0, duration_s=200.0)).findings
+    assert not leaning_body(smoothed("mainline", seed=0, duration_s=150.0)).findings
     assert not leaning_body(smooth_states(recording, SmoothConfig())).findings

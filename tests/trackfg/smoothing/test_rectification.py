@@ -41,7 +41,7 @@ def test_a_large_one_is_found_and_takes_its_tilt_along() -> None:
 
 
 def test_without_it_the_prior_stays(smoothed: Callable[..., SmoothedStates]) -> None:
-    run = smoothed("mainline", seed=3, duration_s=300.0)
+    run = smoothed("mainline", seed=3, duration_s=260.0)
     reassessment = rectification(run)
     assert reassessment.problem is run.problem
     assert reassessment.findings == ()
@@ -69,7 +69,7 @@ def sigma_of(reassessment: Reassessment) -> np.ndarray:
 def test_the_prior_follows_the_data_up_and_down_and_no_further_than_any_sensor(
     smoothed: Callable[..., SmoothedStates],
 ) -> None:
-    run = smoothed("mainline", seed=3, duration_s=300.0)
+    run = smoothed("mainline", seed=3, duration_s=260.0)
     first = sigma_of(rectification(run))
     wide = rectification(with_coefficient(run, 0.03))
     assert sigma_of(wide) == pytest.approx(0.03, rel=1e-3)

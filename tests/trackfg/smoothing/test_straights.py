@@ -24,7 +24,7 @@ from trackfg.smoothing.straights import (
     unexplained_roll,
 )
 
-TOTAL_S = 200.0
+TOTAL_S = 150.0
 
 
 def tilted(recording: Recording, roll_deg: float, pitch_deg: float = 0.0) -> Recording:

@@ -22,7 +22,7 @@ def with_sigmas(run: SolvedRun, kind: FactorType, factor: float) -> SolvedRun:
 
 
 def test_all_sensors_of_a_sound_run_are_heard(smoothed: Callable[..., SmoothedStates]) -> None:
-    said = weightless_sensors(smoothed("mainline-gnss", seed=0, duration_s=200.0))
+    said = weightless_sensors(smoothed("mainline-gnss", seed=0, duration_s=150.0))
     assert not said.findings
     assert not said.doubts
     assert not said.changed
@@ -35,7 +35,7 @@ def test_all_sensors_of_a_sound_run_are_heard(smoothed: Callable[..., SmoothedSt
 def test_a_sensor_far_off_most_of_the_time_is_named(
     smoothed: Callable[..., SmoothedStates], kind: FactorType, name: str
 ) -> None:
-    run = with_sigmas(smoothed("mainline-gnss", seed=0, duration_s=200.0), kind, 1e-5)
+    run = with_sigmas(smoothed("mainline-gnss", seed=0, duration_s=150.0), kind, 1e-5)
     (finding,) = weightless_sensors(run).findings
     assert finding.message.startswith(f"{name} contradict")
     assert bool(weightless_sensors(run).doubts) == (kind is FactorType.GNSS_POSITION)
@@ -43,7 +43,7 @@ def test_a_sensor_far_off_most_of_the_time_is_named(
 
 def test_without_its_only_tach_the_chainage_is_not_to_be_trusted(smoothed: Callable[..., SmoothedStates]) -> None:
     """With fixes it is one of two, and the finding says how far off it is."""
-    run = smoothed("mainline", seed=0, duration_s=200.0)
+    run = smoothed("mainline", seed=0, duration_s=150.0)
     states = run.solution.states
     odo = replace(states.odo, array=states.odo.array * [1.0, 1.0, 1.0, 1.0 / 3.6])
     slow = replace(run, solution=replace(run.solution, states=replace(states, odo=odo)))

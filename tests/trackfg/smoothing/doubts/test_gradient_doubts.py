@@ -23,7 +23,7 @@ def tilted(run: SmoothedStates, pitch_rad: float) -> SmoothedStates:
 
 @pytest.mark.parametrize("pitch_rad", [0.3, -0.3])
 def test_a_line_of_300_permille_is_doubted_in_all(smoothed: Callable[..., Any], pitch_rad: float) -> None:
-    run = smoothed("mainline", seed=0, duration_s=200.0)
+    run = smoothed("mainline", seed=0, duration_s=150.0)
     (doubt,) = gradient_doubts(tilted(run, pitch_rad))
     assert doubt.quantities == QUANTITIES
     assert "gradient of 3" in doubt.reason

@@ -20,5 +20,5 @@ def test_the_geometry_of_a_body_on_springs_that_is_declared_rigid_is_not_trusted
     for quantity in ("cross_level", "twist", "level", "alignment"):
         assert verdicts[quantity].status == "not_trusted"
         assert any("leaves the direction" in reason for reason in verdicts[quantity].reasons)
-    assert not path_doubts(smoothed("mainline", seed=0, duration_s=200.0))
+    assert not path_doubts(smoothed("mainline", seed=0, duration_s=150.0))
     assert not path_doubts(smooth_states(recording, SmoothConfig()))

@@ -32,7 +32,7 @@ def with_balises(name: str | None = None, magnitude: float | None = None, *, see
     """Simulate 200 s with a balise every 300 m, with an effect by name."""
     plan = replace(scenario("mainline"), balises=BaliseModel(spacing_m=300.0, sd_m=0.1))
     effects = () if name is None else (effect(name, magnitude),)
-    return simulate(replace(plan, effects=effects), seed=seed, duration_s=200.0)
+    return simulate(replace(plan, effects=effects), seed=seed, duration_s=150.0)
 
 
 def verdict_of(result: Result, quantity: Quantity) -> Verdict:
