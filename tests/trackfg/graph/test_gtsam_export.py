@@ -116,6 +116,9 @@ def displaced(states: States, sd: np.ndarray) -> States:
     return states.moved(Step(offset[:, :KEYFRAME_DIM], offset[0, KEYFRAME_DIM:]))
 
 
+@pytest.mark.parametrize(
+    "solved", [with_outliers, with_slip, with_radar], indirect=True, ids=lambda make: make.__name__
+)
 def test_levenberg_marquardt_reaches_the_same_minimum(solved: tuple[Problem, Solution]) -> None:
     problem, solution = solved
     sd = sigmas(problem, solution)

@@ -72,7 +72,7 @@ def test_at_rest_a_row_per_interval_stays() -> None:
 
 
 def test_a_recording_whose_positions_are_interpolated_is_smoothed_as_if_they_were_not() -> None:
-    run = simulate("mainline-gnss", seed=5, duration_s=120.0)
+    run = simulate("mainline-gnss", seed=5, duration_s=90.0)
     gnss = run.recording.gnss
     assert gnss is not None
     at = gnss["t_s"].to_numpy()

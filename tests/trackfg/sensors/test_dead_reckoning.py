@@ -63,7 +63,7 @@ def test_heading_follows_the_gyro_less_its_bias(simulated: Callable[..., Simulat
 
 @pytest.mark.parametrize("seed", range(2))
 def test_heading_is_turned_onto_gnss(simulated: Callable[..., Simulation], seed: int) -> None:
-    run = simulated("mainline-gnss", seed=seed, duration_s=300.0)
+    run = simulated("mainline-gnss", seed=seed, duration_s=200.0)
     path = path_of(run, earth_rate=earth_rate_enu(35.2), yaw=1.0)
     moving = path.speed > 1.0
     assert np.abs(yaw_error(run, path)[moving]).max() < np.radians(1.0)
