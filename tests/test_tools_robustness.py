@@ -19,7 +19,7 @@ TOOLS = Path(__file__).parents[1] / "tools"
 @pytest.fixture
 def tools(monkeypatch: pytest.MonkeyPatch) -> SimpleNamespace:
     monkeypatch.syspath_prepend(TOOLS)
-    names = ("cases", "low_cost", "scores", "table")
+    names = ("cases", "combined", "low_cost", "scores", "table")
     return SimpleNamespace(**{name: importlib.import_module(f"robustness.{name}") for name in names})
 
 
@@ -69,6 +69,17 @@ def test_the_oracle_of_a_case_is_the_same_ride(tools: SimpleNamespace) -> None:
     )
     (alone,) = (case for case in tools.cases.cases(["canyon=5"]) if case.base == "gnss alone")
     assert alone.simulated(1, 60.0).recording.tach is None
+
+
+def test_effects_come_together_at_random(tools: SimpleNamespace) -> None:
+    runs = [tools.combined.CombinedRun(number) for number in range(40)]
+    names = [run.name for run in runs]
+    assert len(set(names)) == 40
+    assert tools.combined.CombinedRun(7).name == names[7]
+    assert all(any(place in name for name in names) for place in ("odometry", "fixes", "gnss,", "gnss alone"))
+    assert not any("late-tach" in name for name in names if "gnss alone" in name)
+    alone = next(run for run in runs if "gnss alone" in run.name)
+    assert alone.simulated().recording.tach is None
 
 
 def test_random_runs_repeat_and_differ(tools: SimpleNamespace) -> None:

@@ -78,13 +78,13 @@ class Case:
 
     def simulated(self, seed: int, duration_s: float, *, for_oracle: bool = False) -> Simulation:
         """Return the run, or that of the oracle."""
-        plan = _base(self.base)
+        plan = train(self.base)
         if self.effect != CLEAN:
             plan = replace(plan, effects=(replace(effect(self.effect, self.magnitude), for_oracle=for_oracle),))
         if self.effect in HOURS:
             duration_s += 2.0 * 3600.0 * self.magnitude
         run = simulate(plan, seed=seed, duration_s=duration_s)
-        return _without_tach(run) if self.base == "gnss alone" else run
+        return without_tach(run) if self.base == "gnss alone" else run
 
 
 def cases(names: Sequence[str]) -> list[Case]:
@@ -105,7 +105,7 @@ def cases(names: Sequence[str]) -> list[Case]:
 
 
 @cache
-def _base(name: str) -> Scenario:
+def train(name: str) -> Scenario:
     """Return the train with the sensors of a base."""
     plan = scenario("mainline")
     driver, line = plan.driver, plan.line
@@ -121,7 +121,7 @@ def _base(name: str) -> Scenario:
     return plan
 
 
-def _without_tach(run: Simulation) -> Simulation:
+def without_tach(run: Simulation) -> Simulation:
     """Return the run without its tachometer."""
     recording = run.recording
     description = recording.description.model_copy(update={"tach": None})

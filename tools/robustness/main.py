@@ -5,6 +5,7 @@ batch      every effect of :mod:`trackfg.datasets.effects` at each of its magnit
            reckoning
 stream     six of the effects as a stream with 20 s of lag
 floor      100 random runs with sensors of a few euros against dead reckoning
+combined   60 random runs in which two to six effects come together
 real       KITTI, Kingston and comma2k19 with the default settings
 
 Printed are a table, a row per case and quantity, and the list of what misses the acceptance:
@@ -15,9 +16,9 @@ Printed are a table, a row per case and quantity, and the list of what misses th
 3 oracle   an error more than twice the oracle's
 4 floor    an error more than 5 % above that of dead reckoning
 
-    python tools/robustness.py [--parts batch stream floor real] [--effects clean aliased-vibration imu-noise=3 ...]
-                               [--seeds 5] [--first-seed 0] [--duration 600] [--jobs 2] [--floor-runs 100]
-                               [--out FILE] [--data ../shared/data]
+    python tools/robustness.py [--parts batch stream floor combined real] [--effects clean imu-noise=3 ...] [--seeds 5]
+                               [--first-seed 0] [--duration 600] [--jobs 2] [--floor-runs 100]
+                               [--combined-runs 60] [--out FILE] [--data ../shared/data]
 """
 
 from __future__ import annotations
@@ -31,12 +32,15 @@ import pandas as pd
 from benchmark import Call, add_seed_arguments, seeds_of, side_by_side
 
 from robustness.cases import STREAMED, Case, cases
+from robustness.combined import CombinedRun
 from robustness.low_cost import LowCostRun
 from robustness.real import as_table, real_scores
 from robustness.scores import measured, measured_stream
 from robustness.table import failures, floor_markdown, markdown
 
-PARTS = ("batch", "stream", "floor", "real")
+PARTS = ("batch", "stream", "floor", "combined", "real")
+RANDOM = ("floor", "combined")
+"""Parts whose runs are drawn."""
 
 
 def measured_case(case: Case, seed: int, duration_s: float) -> pd.DataFrame:
@@ -51,7 +55,7 @@ def measured_stream_case(case: Case, seed: int, duration_s: float) -> pd.DataFra
     return measured_stream(case.simulated(seed, duration_s)).assign(case=case.name, seed=seed)
 
 
-def measured_low_cost(one: LowCostRun) -> pd.DataFrame:
+def measured_random(one: LowCostRun | CombinedRun) -> pd.DataFrame:
     """Return the scores of a random run."""
     return measured(one.simulated(), None).assign(case=one.name, seed=one.number)
 
@@ -68,7 +72,10 @@ def calls_of(arguments: argparse.Namespace, seeds: range) -> dict[tuple[str, str
             }
     if "floor" in arguments.parts:
         runs = [LowCostRun(number) for number in range(arguments.floor_runs)]
-        calls |= {("floor", one.name, one.number): (measured_low_cost, (one,)) for one in runs}
+        calls |= {("floor", one.name, one.number): (measured_random, (one,)) for one in runs}
+    if "combined" in arguments.parts:
+        together = [CombinedRun(number) for number in range(arguments.combined_runs)]
+        calls |= {("combined", one.name, one.number): (measured_random, (one,)) for one in together}
     return calls
 
 
@@ -80,6 +87,7 @@ def main() -> None:
     parser.add_argument("--effects", nargs="+", default=[], metavar="NAME[=MAGNITUDE]", help="default: all")
     parser.add_argument("--duration", type=float, default=600.0, metavar="S", help="of each run (default: %(default)s)")
     parser.add_argument("--floor-runs", type=int, default=100, metavar="N", help="default: %(default)s")
+    parser.add_argument("--combined-runs", type=int, default=60, metavar="N", help="default: %(default)s")
     parser.add_argument("--out", type=Path, metavar="FILE", help="write the scores of every run to a CSV file")
     default = Path(__file__).resolve().parents[3] / "shared" / "data"
     parser.add_argument("--data", type=Path, default=default, help="folder with kingston/ and comma2k19/")
@@ -89,11 +97,12 @@ def main() -> None:
     if calls:
         rows = pd.concat(side_by_side(calls, arguments.jobs, "runs").values(), ignore_index=True)
         missed = list(failures(rows))
-        random = rows["case"].isin([case for part, case, _ in calls if part == "floor"])
-        if not random.all():
-            print(markdown(rows[~random]))
-        if random.any():
-            print(floor_markdown(rows[random]))
+        part = rows["case"].map({case: part for part, case, _ in calls})
+        if not part.isin(RANDOM).all():
+            print(markdown(rows[~part.isin(RANDOM)]))
+        for name in RANDOM:
+            if (part == name).any():
+                print(floor_markdown(rows[part == name]))
         print(f"\n{len(missed)} misses of the acceptance\n", *missed, sep="\n")
         if arguments.out is not None:
             rows.to_csv(arguments.out, index=False)
