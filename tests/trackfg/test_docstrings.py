@@ -8,6 +8,7 @@ from __future__ import annotations
 import ast
 import re
 from collections.abc import Callable, Iterable, Iterator
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -29,23 +30,33 @@ _NO_NOUNS = "after before begun felt found gone here mine own said theirs there 
 NO_NOUNS = frozenset(_NO_NOUNS.split())
 """Names that no local variable has. ``found`` may be a mask, which a comparison makes."""
 
+CHECKED = NO_NOUNS | {"one"}
+"""Names of which a module that has none of them needs no further look."""
+
 COVERED = ("datasets", "factors", "trackfg")
 
 
-def faults_in(folder: str, check: Callable[[ast.Module], Iterable[tuple[int, str]]]) -> list[str]:
+@cache
+def nodes_in(folder: str) -> dict[Path, list[ast.AST]]:
+    """The nodes of every module of a folder."""
+    paths = sorted((ROOT / folder).rglob("*.py"))
+    return {path: list(ast.walk(ast.parse(path.read_text(encoding="utf-8")))) for path in paths}
+
+
+def faults_in(folder: str, check: Callable[[list[ast.AST]], Iterable[tuple[int, str]]]) -> list[str]:
     """File, line and text of every fault of a folder's modules."""
-    modules = sorted((ROOT / folder).rglob("*.py"))
+    modules = nodes_in(folder)
     assert modules
     return [
         f"{path.relative_to(ROOT)}:{line}: {text}"
-        for path in modules
-        for line, text in sorted(check(ast.parse(path.read_text(encoding="utf-8"))))
+        for path, nodes in modules.items()
+        for line, text in sorted(check(nodes))
     ]
 
 
-def fragments(tree: ast.Module) -> Iterator[tuple[int, str]]:
+def fragments(nodes: list[ast.AST]) -> Iterator[tuple[int, str]]:
     """Line and first line of every docstring of a module, of its classes and its functions that is no sentence."""
-    for node in ast.walk(tree):
+    for node in nodes:
         if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef):
             text = ast.get_docstring(node)
             if text and is_fragment(text):
@@ -70,10 +81,12 @@ def test_what_a_fragment_is(text: str, expected: bool) -> None:
     assert is_fragment(text) is expected
 
 
-def wrong_names(tree: ast.Module) -> set[tuple[int, str]]:
+def wrong_names(module: list[ast.AST]) -> set[tuple[int, str]]:
     """Line and name of every local variable that no noun names, and of the variable ``one`` of a loop's statements."""
-    wrong = set()
-    functions = [node for node in ast.walk(tree) if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef)]
+    wrong: set[tuple[int, str]] = set()
+    if not any(isinstance(node, ast.Name) and node.id in CHECKED for node in module):
+        return wrong
+    functions = [node for node in module if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef)]
     for function in functions:
         nodes = list(ast.walk(function))
         parameters = {node.arg for node in nodes if isinstance(node, ast.arg)}
@@ -110,4 +123,4 @@ def test_a_local_variable_is_a_noun(folder: str) -> None:
     ],
 )
 def test_which_names_are_wrong(line: str, names: list[str]) -> None:
-    assert sorted(name for _, name in wrong_names(ast.parse(f"def f(x):\n    {line}\n"))) == names
+    assert sorted(name for _, name in wrong_names(list(ast.walk(ast.parse(f"def f(x):\n    {line}\n"))))) == names
