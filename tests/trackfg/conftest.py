@@ -6,9 +6,12 @@ from __future__ import annotations
 
 import copy
 import functools
+import json
+import os
 import shutil
 import subprocess
 import sys
+import textwrap
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
@@ -81,6 +84,59 @@ def trackfg(
         return subprocess.CompletedProcess(words, int(end.value.code or 0), written.out, written.err)
 
     return run
+
+
+FORKING = """
+# Each line names a folder, what to run there and its arguments: it runs in a fork of this process, which has imported
+# trackfg. The line that is answered says where it has ended.
+import json, os, sys, traceback
+import trackfg.cli.main, trackfg.maps, trackfg.results.result
+
+for line in sys.stdin:
+    folder, said, program, *sys.argv[1:] = json.loads(line)
+    child = os.fork()
+    if child == 0:
+        os.chdir(folder)
+        for number, name in ((1, "out"), (2, "err")):
+            os.dup2(os.open(os.path.join(said, name), os.O_WRONLY | os.O_CREAT | os.O_TRUNC), number)
+        code = 1
+        try:
+            exec(compile(program, "<forked>", "exec"), {"__name__": "__main__"})
+            code = 0
+        except SystemExit as end:
+            code = end.code or 0
+        except BaseException:
+            traceback.print_exc()
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(code)
+    print(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]), flush=True)
+"""
+
+
+@pytest.fixture(scope="session")
+def forked(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Callable[..., subprocess.CompletedProcess[str]]]:
+    """Return what runs a Python program with arguments in ``cwd``, in a fork of an interpreter that imports trackfg
+    once for all. What forks itself, or is killed, cannot run in the process of the tests.
+    """
+    said = tmp_path_factory.mktemp("forked")
+    command, environment = [sys.executable, "-c", FORKING], {**os.environ, "OPENBLAS_NUM_THREADS": "1"}
+    with subprocess.Popen(
+        command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=environment
+    ) as process:
+        assert process.stdin is not None
+        assert process.stdout is not None
+        asked, answers = process.stdin, process.stdout
+
+        def run(program: str, *arguments: object, cwd: Path | None = None) -> subprocess.CompletedProcess[str]:
+            words = [str(cwd or said), str(said), textwrap.dedent(program), *map(str, arguments)]
+            asked.write(json.dumps(words) + "\n")
+            asked.flush()
+            code = int(answers.readline())
+            return subprocess.CompletedProcess(words, code, *((said / name).read_text() for name in ("out", "err")))
+
+        yield run
+        asked.close()
 
 
 @pytest.fixture(scope="session")

@@ -11,7 +11,7 @@ import pytest
 
 ALONE = ("unshare", "--net", "--map-root-user")
 COMMANDS = (
-    "simulate mainline-gnss --duration 150 -o run",
+    "simulate mainline-gnss --duration 100 -o run",
     "check run",
     "smooth run -o out",
     "stream run -o streamed",

@@ -5,7 +5,6 @@ from __future__ import annotations
 import signal
 import subprocess
 import sys
-import textwrap
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -17,6 +16,7 @@ from trackfg.files.atomic_folder import replaced_folder
 from trackfg.results.result import Result
 
 Make = Callable[..., Result]
+Forked = Callable[..., subprocess.CompletedProcess[str]]
 
 KILLED_AT_EVERY_STEP = """
     # A child writes and kills itself just before its n-th call that could change the disk or a lock, n = 1, 2, ...
@@ -81,17 +81,12 @@ KILLED_AT_EVERY_STEP = """
 
 @pytest.mark.parametrize("can_exchange", [True, False])
 @pytest.mark.parametrize("there_before", [True, False])
-def test_killed_within_a_write(make_result: Make, tmp_path: Path, can_exchange: bool, there_before: bool) -> None:
+def test_killed_within_a_write(
+    make_result: Make, tmp_path: Path, can_exchange: bool, there_before: bool, forked: Forked
+) -> None:
     make_result(rows=5, recording_id="old").write(tmp_path / "a")
     make_result(rows=6, recording_id="new").write(tmp_path / "b")
-    program = [
-        sys.executable,
-        "-c",
-        textwrap.dedent(KILLED_AT_EVERY_STEP),
-        str(can_exchange),
-        str(there_before),
-    ]
-    done = subprocess.run(program, cwd=tmp_path, capture_output=True, text=True, check=False)
+    done = forked(KILLED_AT_EVERY_STEP, can_exchange, there_before, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     moments, *found = done.stdout.split()
     assert found == ["new", "old" if there_before else "none"]
@@ -109,10 +104,9 @@ KILLED_WITHIN_ANOTHER = """
 """
 
 
-def test_what_was_killed_while_it_wrote_into_another_write_goes_with_the_next(tmp_path: Path) -> None:
+def test_what_was_killed_while_it_wrote_into_another_write_goes_with_the_next(tmp_path: Path, forked: Forked) -> None:
     """A batch's commands write into the folder that the batch replaces."""
-    program = [sys.executable, "-c", textwrap.dedent(KILLED_WITHIN_ANOTHER), str(tmp_path / "out")]
-    assert subprocess.run(program, check=False).returncode == -signal.SIGKILL
+    assert forked(KILLED_WITHIN_ANOTHER, tmp_path / "out").returncode == -signal.SIGKILL
     assert any(path.name == "half" for path in tmp_path.rglob("*"))
     with replaced_folder(tmp_path / "out") as new:
         (new / "whole").touch()
@@ -121,9 +115,7 @@ def test_what_was_killed_while_it_wrote_into_another_write_goes_with_the_next(tm
 
 KILLED_WHILE_IT_SMOOTHS = """
     # Children run the command. They are killed at moments spread over its work, densely from when it begins to write.
-    import os
-    os.environ["OPENBLAS_NUM_THREADS"] = "1"  # threads do not survive a fork
-    import shutil, signal, sys, time
+    import os, shutil, signal, sys, time
     from pathlib import Path
     import numpy as np
     from trackfg.cli.main import main
@@ -175,22 +167,29 @@ KILLED_WHILE_IT_SMOOTHS = """
 """
 
 
+SMOOTHED = """
+    import sys
+    from trackfg.cli.main import main
+    sys.argv = ["trackfg", "smooth", "rec", "-o", "out"]
+    main()
+"""
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("there_before", [True, False])
-def test_smooth_killed_at_many_moments(make_result: Make, tmp_path: Path, there_before: bool) -> None:
+def test_smooth_killed_at_many_moments(make_result: Make, tmp_path: Path, there_before: bool, forked: Forked) -> None:
     """Forks import nothing, so that every moment is one of its work. An interpreter is started for it once as well."""
     simulate("mainline", seed=1, duration_s=10.0).write(tmp_path / "rec")
     make_result(recording_id="old").write(tmp_path / "old")
     command = [sys.executable, "-m", "trackfg", "smooth", "rec", "-o", "out"]
 
     def smoothed() -> str:
-        assert subprocess.run(command, cwd=tmp_path, stdout=subprocess.DEVNULL, check=False).returncode == 0
+        assert forked(SMOOTHED, cwd=tmp_path).returncode == 0
         return Result.read(tmp_path / "out").summary.recording_id
 
     new = smoothed()
     assert new != "old"
-    program = [sys.executable, "-c", textwrap.dedent(KILLED_WHILE_IT_SMOOTHS), str(there_before), new]
-    done = subprocess.run(program, cwd=tmp_path, capture_output=True, text=True, check=False)
+    done = forked(KILLED_WHILE_IT_SMOOTHS, there_before, new, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     with subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.DEVNULL) as process:
         while process.poll() is None and not list(tmp_path.glob(".out.trackfg-*")):

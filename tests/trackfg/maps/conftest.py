@@ -32,7 +32,7 @@ def make_map() -> MakeMap:
     def make(
         *,
         curves: int = 3,
-        cells: int = 8001,
+        cells: int = 1601,
         runs: int = 2,
         seed: int = 0,
         origin: tuple[float, float, float] | None = None,

@@ -5,9 +5,7 @@ from __future__ import annotations
 import dataclasses
 import os
 import sqlite3
-import subprocess
 import sys
-import textwrap
 from collections.abc import Callable
 from contextlib import closing
 from pathlib import Path
@@ -25,12 +23,16 @@ MakeMap = Callable[..., FeatureMap]
 Same = Callable[[FeatureMap, FeatureMap], None]
 
 
-def run_program(program: str, *arguments: object) -> str:
-    """What a Python program of its own prints."""
-    command = [sys.executable, "-c", textwrap.dedent(program), *map(str, arguments)]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
-    return done.stdout
+@pytest.fixture
+def run_program(forked: Callable[..., Any]) -> Callable[..., str]:
+    """Return what runs a Python program in a process of its own, and returns what it prints."""
+
+    def run(program: str, *arguments: object) -> str:
+        done = forked(program, *arguments)
+        assert done.returncode == 0, done.stderr
+        return str(done.stdout)
+
+    return run
 
 
 def sqlite(path: str | Path, statement: str) -> list[Any]:
@@ -179,10 +181,15 @@ TWO_AT_ONCE = """
 @pytest.mark.parametrize("location", ["gpkg", "plain"], indirect=True)
 @pytest.mark.parametrize("parent", [1, pytest.param(0, marks=pytest.mark.slow)])
 def test_of_two_writers_at_once_one_is_reported(
-    make_map: MakeMap, assert_same_map: Same, location: str, tmp_path: Path, parent: int
+    make_map: MakeMap,
+    assert_same_map: Same,
+    location: str,
+    tmp_path: Path,
+    parent: int,
+    run_program: Callable[..., str],
 ) -> None:
     """Also where there is nothing yet, and both would make it."""
-    made = make_map(cells=20_001)
+    made = make_map(cells=10_001)
     source = tmp_path / "source.gpkg"
     write_map(made, source, parent=None)
     if parent:
@@ -245,7 +252,9 @@ KILLED_AT_EVERY_STATEMENT = """
 
 @pytest.mark.parametrize("location", ["gpkg", "plain"], indirect=True)
 @pytest.mark.parametrize("there_before", [True, pytest.param(False, marks=pytest.mark.slow)])
-def test_killed_within_a_write(make_map: MakeMap, location: str, tmp_path: Path, there_before: bool) -> None:
+def test_killed_within_a_write(
+    make_map: MakeMap, location: str, tmp_path: Path, there_before: bool, run_program: Callable[..., str]
+) -> None:
     """The old version is there, whole, and the next write succeeds."""
     write_map(make_map(cells=81, origin=(35.2, 137.1, 40.0)), tmp_path / "source.gpkg", parent=None)
     if there_before:
@@ -283,7 +292,7 @@ KILLED_IN_COMMIT = """
 """
 
 
-def test_killed_in_the_commit_of_a_file(make_map: MakeMap, tmp_path: Path) -> None:
+def test_killed_in_the_commit_of_a_file(make_map: MakeMap, tmp_path: Path, run_program: Callable[..., str]) -> None:
     path = tmp_path / "line.gpkg"
     write_map(make_map(cells=30_001), path, parent=None)
     run_program(KILLED_IN_COMMIT, path)

@@ -266,7 +266,8 @@ def test_readers_see_one_result_while_it_is_replaced_again_and_again(make_result
         from dataclasses import replace
         from trackfg.results.result import Result
         first = Result.read(sys.argv[1])
-        for n in range(1, 50):
+        print("begins", flush=True)
+        for n in range(1, 30):
             summary = first.summary.model_copy(update={"keyframes": n})
             events = first.events.assign(start_s=float(n))
             trajectory = first.trajectory.iloc[:1].assign(t_s=float(n))
@@ -274,7 +275,10 @@ def test_readers_see_one_result_while_it_is_replaced_again_and_again(make_result
     """
     folder = make_result().write(tmp_path / "out")
     seen = set()
-    with subprocess.Popen([sys.executable, "-c", textwrap.dedent(writer), folder]) as process:
+    command = [sys.executable, "-c", textwrap.dedent(writer), folder]
+    with subprocess.Popen(command, stdout=subprocess.PIPE) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == b"begins\n"
         while process.poll() is None:
             result = Result.read(folder)
             if (n := result.summary.keyframes) != 10:  # the first one's
