@@ -110,8 +110,11 @@ _ENTRIES = (
     Entry(
         "map for a run",
         _MAP,
-        ("smooth rec -o out --map line.gpkg", "stream rec -o out --map line.gpkg"),
-        others=_RECORDING,
+        (
+            "smooth rec -o out --map line.gpkg --config coarse.toml",
+            "stream rec -o out --map line.gpkg --config coarse.toml",
+        ),
+        others=(*_RECORDING, "coarse.toml"),
     ),
     Entry(
         "landxml",
@@ -153,8 +156,8 @@ _ENTRIES = (
     Entry(
         "catalogue of runs",
         ("runs.csv",),
-        ("batch runs.csv -o store --dry-run", "batch runs.csv -o store --jobs 1"),
-        others=("rec", "gnss", "settings.toml"),
+        ("batch runs.csv -o store --dry-run", "batch runs.csv -o half --jobs 1"),
+        others=("half", "rec", "gnss", "settings.toml"),
     ),
     Entry(
         "store",

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import json
+import os
 import shutil
-import subprocess
-import sys
+import signal
 import time
 from dataclasses import replace
 from functools import reduce
@@ -16,7 +16,7 @@ import pandas as pd
 from interchange import foreign_forms
 
 from faults.entries import ENTRIES
-from faults.runner import Conditions, run
+from faults.runner import Conditions, Running, run
 from trackfg.datasets.scenarios import Scenario, Simulation, scenario, simulate
 from trackfg.datasets.vehicle.driving import Service
 from trackfg.io.reader import read_recording
@@ -61,6 +61,10 @@ law = "clothoid"
 type = "straight"
 length_m = 1400.0
 """
+COARSE = """[geometry]
+step_m = 0.5
+"""
+"""Settings of the runs of the map: half the rows of geometry, which reports, charts and maps take time for."""
 SETTINGS = """[keyframes]
 interval_s = 1.0
 [output]
@@ -126,28 +130,32 @@ def make_inputs(folder: Path) -> None:
     texts = {
         "line.toml": LINE,
         "settings.toml": SETTINGS,
+        "coarse.toml": COARSE,
         "limits.toml": LIMITS,
         "log.mapping.toml": MAPPING,
         "channels.toml": CHANNELS,
         "runs.csv": "recording,line,settings,run\nrec,7,settings.toml,a\ngnss,7,,b\n",
+        "half.csv": "recording,line,settings,run\ngnss,7,,b\n",
     }
     for name, text in texts.items():
         (folder / name).write_text(text)
     shutil.copy(folder / "run0" / "places.csv", folder / "planned.csv")
     for command in (
-        "smooth run0 -o result",
-        "smooth run1 -o other",
-        "smooth run2 -o third",
+        "smooth run0 -o result --config coarse.toml",
+        "smooth run1 -o other --config coarse.toml",
+        "smooth run2 -o third --config coarse.toml",
         "map build result -o line.gpkg",
         "export result --to landxml -o line.xml",
         "export result --to geojson -o known.geojson",
         "export result --to gpkg -o known.gpkg",
         "export other --to channels -o channels.csv",
-        "batch runs.csv -o store",
+        "batch half.csv -o store",
         "compare gnss -o compared",
         "map trends line.gpkg result other third -o grown",
     ):
         run_sound(command, folder)
+    shutil.copytree(folder / "store", folder / "half")
+    run_sound("batch runs.csv -o store", folder)
     for number in range(3):
         shutil.rmtree(folder / f"run{number}")
     _begin_stream(folder)
@@ -243,15 +251,12 @@ def _sentence(text: str) -> str:
 
 def _begin_stream(folder: Path) -> None:
     """Leave the folder of a stream that was killed after a checkpoint."""
-    command = [sys.executable, "-m", "trackfg", *["stream", "rec", "-o", "begun", "--checkpoint-every", "5"]]
-    with subprocess.Popen(command, cwd=folder, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as process:
-        checkpoint = folder / "begun" / "checkpoint"
-        while process.poll() is None and not (
-            checkpoint.exists() and b'"until_s": null' not in checkpoint.read_bytes()
-        ):
-            time.sleep(0.01)
-        process.kill()
-        process.wait()
+    running = Running("stream rec -o begun --checkpoint-every 5", folder, Conditions())
+    checkpoint = folder / "begun" / "checkpoint"
+    while not running.has_ended() and not (checkpoint.exists() and b'"until_s": null' not in checkpoint.read_bytes()):
+        time.sleep(0.01)
+    os.kill(running.process, signal.SIGKILL)
+    running.end()
 
 
 def run_sound(command: str, folder: Path) -> None:

@@ -55,9 +55,12 @@ _OF_LIBRARIES = (
     "pynmeagps",
     "pyogrio.raw",
     "pyproj",
+    "pyubx2",
     "rich._emoji_codes",
     "rosbags.highlevel",
+    "sqlalchemy.dialects.postgresql.psycopg",
     "sqlalchemy.dialects.sqlite",
+    "typer._adapters",
 )
 """What commands import of libraries, some of which need not be installed, when they first need it."""
 

@@ -79,9 +79,12 @@ class Running:
         self._unanswered: str | None = None
         self._texts = [_new_file(folder.parent, prefix) for prefix in ("out-", "err-")]
         self._start = time.monotonic()
-        self._child = os.fork()
-        if self._child == 0:
+        self.process = os.fork()
+        if self.process == 0:
             _become(command, folder, conditions, stdin, *self._texts)
+
+    def has_ended(self) -> bool:
+        return os.waitid(os.P_PID, self.process, os.WEXITED | os.WNOHANG | os.WNOWAIT) is not None
 
     def end(self) -> End:
         """Wait for the end, and bring it about where the time is over, or all requests are answered."""
@@ -91,15 +94,15 @@ class Running:
         killed_after_s = self.conditions.killed_after_s
         looked, worked, used, hung, done = self._start, self._start, 0.0, False, 0
         while not done:
-            done, status, usage = os.wait4(self._child, os.WNOHANG)
+            done, status, usage = os.wait4(self.process, os.WNOHANG)
             now = time.monotonic()
             if not done and killed_after_s is None and now > looked + _LOOK_EVERY_S:
-                looked, last_used, used = now, used, _processor_time_s(self._child)
+                looked, last_used, used = now, used, _processor_time_s(self.process)
                 worked = worked if used == last_used else now
                 hung = used > TIME_S or now - worked > TIME_S
             if not done and (hung or (killed_after_s is not None and now - self._start > killed_after_s)):
-                os.kill(self._child, signal.SIGKILL)
-                done, status, usage = os.wait4(self._child, 0)
+                os.kill(self.process, signal.SIGKILL)
+                done, status, usage = os.wait4(self.process, 0)
             elif not done:
                 time.sleep(0.002 if killed_after_s else 0.01)
         self._has_ended.set()
@@ -126,7 +129,7 @@ class Running:
             finally:
                 connection.close()
         with suppress(ProcessLookupError):
-            os.kill(self._child, signal.SIGINT)
+            os.kill(self.process, signal.SIGINT)
 
 
 def run(
