@@ -105,7 +105,10 @@ def test_a_killed_stream_goes_on_to_the_same_files(recording: Path, tmp_path: Pa
     assert kills
     assert " rows, " in said([*arguments, "-o", out, "--resume"])
     assert contents(out) == contents(tmp_path / "whole")
+    lock = out / ".unfinished-checkpoint.lock"  # of a stream that was killed when it had just ended
+    lock.touch()
     assert "the stream in it is finished" in said([*arguments, "-o", out, "--resume"])
+    assert not lock.exists()
     assert "a stream is never added to another" in refused([*arguments, "-o", out])
 
 
