@@ -363,18 +363,19 @@ def test_an_unknown_map_is_refused_before_anything_runs(fleet: Fleet, stand_in: 
 
 @pytest.mark.slow
 def test_the_command_gives_what_smooth_gives_to_the_last_bit(
-    tmp_path: Path, simulated: Callable[..., Any], capfd: pytest.CaptureFixture[str]
+    tmp_path: Path, simulated: Callable[..., Any], trackfg: Callable[..., subprocess.CompletedProcess[str]]
 ) -> None:
     for seed in (1, 2):
         simulated("mainline", seed=seed, duration_s=40.0).write(tmp_path / f"run{seed}")
-    trackfg = [sys.executable, "-m", "trackfg"]
-    batch = [*trackfg, "batch", str(tmp_path / "run*"), "-o", str(tmp_path / "store"), "--line", "7"]
-    assert subprocess.run(batch, check=False).returncode == 0
-    assert "computed 2, failed 0" in capfd.readouterr().out
-    assert subprocess.run([*batch, "--dry-run"], check=False).returncode == 0
-    assert capfd.readouterr().out.count(": fresh\n") == 2
+    batch = ("batch", tmp_path / "run*", "-o", tmp_path / "store", "--line", "7")
+    done = trackfg(*batch)
+    assert done.returncode == 0
+    assert "computed 2, failed 0" in done.stdout
+    done = trackfg(*batch, "--dry-run")
+    assert done.returncode == 0
+    assert done.stdout.count(": fresh\n") == 2
     alone = tmp_path / "alone"
-    assert subprocess.run([*trackfg, "smooth", str(tmp_path / "run1"), "-o", str(alone)], check=False).returncode == 0
+    assert trackfg("smooth", tmp_path / "run1", "-o", alone).returncode == 0
     (result,) = (tmp_path / "store" / "results").glob("run1-*")
     for name in ("trajectory.parquet", "geometry.parquet", "covariance.parquet", "events.csv"):
         assert (result / name).read_bytes() == (alone / name).read_bytes()

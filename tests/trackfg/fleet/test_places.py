@@ -22,6 +22,8 @@ from trackfg.fleet.known_content import KnownContent
 from trackfg.fleet.planning import PlannedRun, plan
 from trackfg.fleet.store import Store
 from trackfg.io.content import content_files, files_sha256
+from trackfg.io.reader import read_recording
+from trackfg.smoothing.smoother import smooth
 
 from .conftest import StandIn
 
@@ -202,7 +204,6 @@ def test_recordings_and_store_in_s3_through_the_command(
     subprocess.run([sys.executable, "-c", fetch], check=True)
     rows = pd.read_parquet(tmp_path / "store" / "catalogue").set_index("run")
     assert rows["status"].to_dict() == {"run1": "done", "none": "failed"}
-    alone = [sys.executable, "-m", "trackfg", "smooth", str(tmp_path / "run1"), "-o", str(tmp_path / "alone")]
-    subprocess.run(alone, check=True)
+    smooth(read_recording(tmp_path / "run1")).write(tmp_path / "alone")
     for name in ("trajectory.parquet", "geometry.parquet", "covariance.parquet", "events.csv"):
         assert (tmp_path / "store/results/run1" / name).read_bytes() == (tmp_path / "alone" / name).read_bytes()
