@@ -64,6 +64,7 @@ def test_sigma_by_the_runs_of_both(
 def test_the_sigmas_of_an_extended_map_are_right(plain: FeatureMap) -> None:
     """Weighted means of the same first run and a second one: (b - a) / sd is standard normal over many landmarks."""
     rng = np.random.default_rng(1)
+    plain = dataclasses.replace(plain, grid=plain.grid.iloc[:41])
     ratios = []
     for _ in range(40):
         first, second = rng.normal(0.0, 0.5, 13), rng.normal(0.0, 0.3, 13)
