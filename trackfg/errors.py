@@ -63,6 +63,8 @@ class OutputError(TrackfgError):
 
 def printable(text: str) -> str:
     """Return a text of a file with its control characters escaped, as ``\\x1b``, so that none reaches a terminal."""
+    if text.isprintable():
+        return text
     return "".join(c if c.isprintable() else ascii(c)[1:-1] for c in text)
 
 
@@ -73,8 +75,10 @@ def first_line(error: BaseException) -> str:
 
 def did_you_mean(name: str, known: Iterable[str]) -> str | None:
     """Return ``did you mean 'x'?`` for the known name nearest to ``name``; None where none is near."""
-    by_folded = {candidate.strip().casefold(): candidate for candidate in known}
-    near = difflib.get_close_matches(name.strip().casefold(), by_folded, n=1, cutoff=0.6)
+    folded, by_folded = name.strip().casefold(), {candidate.strip().casefold(): candidate for candidate in known}
+    if len(folded) > 3 * max(map(len, by_folded), default=0):
+        return None  # not half of its letters can be theirs
+    near = difflib.get_close_matches(folded, by_folded, n=1, cutoff=0.6)
     return f"did you mean {by_folded[near[0]]!r}?" if near else None
 
 
