@@ -118,7 +118,9 @@ def lines_of_a_trolley() -> list[str]:
     names = ("t", "wx", "wy", "wz", "fx", "fy", "fz")
     assert run.tach is not None
     keyed = [(row[0], {"table": "tach", "t": row[0], "s": row[1]}) for row in run.tach.to_numpy().tolist()]
-    keyed += [(row[0], {"table": "imu", **dict(zip(names, row, strict=True))}) for row in run.imu.to_numpy().tolist()]
+    keyed += [
+        (row[0], {"table": "imu", **dict(zip(names, row, strict=True))}) for row in run.imu.to_numpy()[::2].tolist()
+    ]
     rows = [json.dumps(row) for _, row in sorted(keyed, key=lambda one: one[0])]
     return [json.dumps({"description": DESCRIPTION}), *rows]
 

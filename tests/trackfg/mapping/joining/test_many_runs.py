@@ -45,9 +45,18 @@ def repeated(result: Result, number: int) -> Result:
     return replace(result, geometry=geometry, summary=summary)
 
 
+@pytest.fixture(scope="module", autouse=True)
+def small_blocks() -> Iterator[None]:
+    """Join four runs one after another, then blocks of three."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(build, "_ONE_BY_ONE", 4)
+        patch.setattr(build, "BLOCK", 3)
+        yield
+
+
 @pytest.fixture(scope="module")
 def many(ride: Ride) -> list[Result]:
-    return [repeated(ride(number % 2).result, number) for number in range(20)]
+    return [repeated(ride(number % 2).result, number) for number in range(12)]
 
 
 @pytest.fixture(scope="module")
@@ -90,7 +99,7 @@ def test_blocks_know_what_runs_one_after_another_do(
 
 
 def test_what_a_map_keeps_to_add_a_run_does_not_grow(many: list[Result], of_many: FeatureMap) -> None:
-    few = build_map(many[:10], name="short line")
+    few = build_map(many[:7], name="short line")
     kept = [reopened(feature_map).pooled for feature_map in (few, of_many, with_runs(of_many, many[-1:]))]
     assert kept[0].variables == kept[1].variables == kept[2].variables
     assert {rows.R.shape for rows in kept} == {(len(kept[0].variables),) * 2}
