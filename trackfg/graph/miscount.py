@@ -36,6 +36,10 @@ _WEIGHTS = np.array([1.0, 4.0, 1.0])
 _READINGS = 20.0
 """Sum of the squares of the coefficients of a third difference."""
 
+_ROUNDED = 0.5
+"""Where roundings are most of what is expected, differences beyond it by less than this share of them are no errors of
+the count: roundings are not independent. With four pulses per revolution they make 0.3 to 0.35 more."""
+
 
 def with_miscount(wheel: Wheel, data: Intervals, gravity: float, config: SmoothConfig) -> Wheel:
     """Return the wheel with the errors of its count; itself where it has none, or is too short to show them.
@@ -54,7 +58,9 @@ def _density(wheel: Wheel, data: Intervals, gravity: float, config: SmoothConfig
             break
         distance = np.abs(differences.distance)
         creep = creep_variance_over(distance, differences.force / gravity, step, config.tach) * config.noise.tach**2
-        other = creep @ _WEIGHTS + _READINGS * wheel.rounding_sd**2 + differences.by_accel
-        squares = SD_PER_MAD**2 * differences.noise**2
-        least = min(least, median((squares - other) / (distance @ _WEIGHTS)))
+        rolled, rounding = creep @ _WEIGHTS + differences.by_accel, _READINGS * wheel.rounding_sd**2
+        excess = SD_PER_MAD**2 * differences.noise**2 - rolled - rounding
+        if rounding > median(rolled) and median(excess) < _ROUNDED * rounding:
+            return 0.0
+        least = min(least, median(excess / (distance @ _WEIGHTS)))
     return float(np.sqrt(max(least, 0.0))) if least < np.inf else 0.0

@@ -6,16 +6,12 @@ the left. So within a window of a minute the positions z, stamped t, on a clock 
 
     z = a + b (p + l e)(t + T) + c q(t + T),   e = exp(i integral of w),   p' = v e,   q' = (t - t_middle) p',
 
-a, b, c complex. Without a wheel the speed is ``u + integral of f + g t`` with the forward force f, in which u, and g,
-which holds gravity, are not known:
-
-    z = a + b (p + l e)(t + T) + c q(t + T) + d r(t + T),   p' = e integral of f, q' = (t - t_middle) e, r' = e.
-
-An antenna ahead of the path looks like a clock that is early. So where no l is declared, ``b l`` is another complex
-parameter of each window, with a prior at 0. For each T on a grid least squares leave the sum of squares S(T) in each of
-the windows. Noise differs from one to another, so the sum of ``n log S`` over all is least at the most likely T. Its
-sigma is that of M-estimators with errors that are correlated within windows (Huber 1967, the sandwich; windows are its
-clusters): with the derivatives g of each window's part and h of second order, ``sd = sqrt(sum g^2) / sum h``.
+a, b, c complex. An antenna ahead of the path looks like a clock that is early. So where no l is declared, ``d = b l``
+is another complex parameter of each window, with a prior at 0. For each T on a grid least squares leave the sum of
+squares S(T) in each of the windows. Noise differs from one to another, so the sum of ``n log S`` over all is least at
+the most likely T. Its sigma is that of M-estimators with errors that are correlated within windows (Huber 1967, the
+sandwich; windows are its clusters): with the derivatives g of each window's part and h of second order,
+``sd = sqrt(sum g^2) / sum h``.
 """
 
 from __future__ import annotations
@@ -30,15 +26,13 @@ from trackfg.numerics.chi_square import widening_of_few
 from trackfg.numerics.spans import median_interval
 from trackfg.recording.antenna import is_declared
 from trackfg.recording.model import Recording
-from trackfg.sensors.averages import Motion, averaged
+from trackfg.sensors.averages import averaged
 
 _STEP_S = 0.1
 """Step of the path, s: it resolves a train's motion."""
 
 _WINDOW_S = 60.0
 """A window, s: long enough for a change of speed or a curve, short enough for a gyro that drifts by degrees."""
-_WINDOW_WITHOUT_WHEEL_S = 30.0
-"""The same without a wheel, s: gradients change, and with them g."""
 _WINDOW_POSITIONS = 12
 """Positions of a window at least: it has three or four complex parameters, and the errors shall show."""
 
@@ -70,61 +64,52 @@ class GnssClock:
     sd_s: float
 
 
-def gnss_clock(recording: Recording, reach_s: float = _REACH_S) -> GnssClock | None:
+def gnss_clock(recording: Recording) -> GnssClock | None:
     """Return the receiver's offset; None where the recording does not show it.
 
-    That is without GNSS, with fewer than three windows in motion, and where the best offset is at an end of the range,
-    ``reach_s`` to either side.
+    That is without a tach or GNSS, with fewer than three windows in motion, and where the best offset is at an end of
+    the range.
     """
-    gnss, part = recording.gnss, recording.description.gnss
-    if gnss is None or part is None or len(gnss) < _FEWEST_WINDOWS * _WINDOW_POSITIONS:
+    gnss, part, tach = recording.gnss, recording.description.gnss, recording.tach
+    if gnss is None or part is None or tach is None or len(gnss) < _FEWEST_WINDOWS * _WINDOW_POSITIONS:
         return None
-    motion = averaged(recording.imu, recording.tach, _STEP_S)
+    motion = averaged(recording.imu, tach, _STEP_S)
     if motion is None:
         return None
-    t, z = gnss["t_s"].to_numpy(), gnss["east_m"].to_numpy() + 1j * gnss["north_m"].to_numpy()
+    heading = np.cumsum(motion.gyro[:, 2]) * motion.step_s
+    velocity = motion.speed * np.exp(1j * (heading - 0.5 * motion.gyro[:, 2] * motion.step_s))
     edges = motion.t_s[0] + motion.step_s * (np.arange(len(motion.t_s) + 1) - 0.5)
-    turned = _integral(motion.gyro[:, 2], motion)
-    along = np.exp(1j * (turned[1:] - 0.5 * motion.gyro[:, 2] * motion.step_s))
-    elapsed = motion.t_s - motion.t_s[0]
-    if recording.tach is None:
-        gained = _integral(motion.accel[:, 0], motion)[1:] - 0.5 * motion.accel[:, 0] * motion.step_s
-        columns = [_integral(of * along, motion) for of in (gained, elapsed, np.ones_like(elapsed))]
-        path, window_s = np.interp(edges, t, z), _WINDOW_WITHOUT_WHEEL_S
-    else:
-        columns = [_integral(of * along, motion) for of in (motion.speed, elapsed * motion.speed)]
-        path, window_s = columns[0], _WINDOW_S
-    ahead, weights = np.exp(1j * turned), [0.0] * len(columns)
+    path = np.concatenate([[0.0], np.cumsum(velocity * motion.step_s)])
+    change = np.concatenate([[0.0], np.cumsum((motion.t_s - motion.t_s[0]) * velocity * motion.step_s)])
+    ahead = np.exp(1j * np.concatenate([[0.0], heading]))
     if is_declared(part):
         forward, left, _ = part.lever_arm_m
-        columns[0] = columns[0] + complex(forward, left) * ahead
+        columns, weights = [path + complex(forward, left) * ahead, change], [0.0, 0.0]
     else:
         noise = float(np.median(gnss[["east_sd_m", "north_sd_m"]]))
-        columns, weights = [*columns, ahead], [*weights, noise / _ARM_SD_M]
-    lags = np.arange(-reach_s, reach_s + 0.5 * _LAG_S, _LAG_S)
-    windows = _windows(t, edges, path, window_s, reach_s)
-    costs = [_cost(lags, t[inside], z[inside], edges, columns, weights) for inside in windows]
+        columns, weights = [path, change, ahead], [0.0, 0.0, noise / _ARM_SD_M]
+    lags = np.arange(-_REACH_S, _REACH_S + 0.5 * _LAG_S, _LAG_S)
+    costs = [
+        _cost(lags, t, z, edges, columns, weights)
+        for t, z in _windows(gnss[["t_s", "east_m", "north_m"]].to_numpy(), edges, path)
+    ]
     return _best(lags, np.array(costs)) if len(costs) >= _FEWEST_WINDOWS else None
 
 
-def _integral(rate: Array, motion: Motion) -> Array:
-    """Return the integral, at the edges of the intervals, of what is constant within each. (n,) to (n + 1,)."""
-    return np.concatenate([[0.0], np.cumsum(rate) * motion.step_s])
-
-
-def _windows(t: Array, edges: Array, path: Array, window_s: float, reach_s: float) -> list[np.ndarray]:
-    """Return which positions, at times t (m,), are of each window in which the vehicle goes some way, (m,)."""
-    length = max(window_s, _WINDOW_POSITIONS * median_interval(t))
+def _windows(gnss: Array, edges: Array, path: Array) -> list[tuple[Array, Array]]:
+    """Return times and positions, as complex numbers, of each window in which the vehicle goes some way."""
+    t, z = gnss[:, 0], gnss[:, 1] + 1j * gnss[:, 2]
+    length = max(_WINDOW_S, _WINDOW_POSITIONS * median_interval(t))
     windows = []
-    for start in np.arange(edges[0] + reach_s, edges[-1] - reach_s - length, length):
+    for start in np.arange(edges[0] + _REACH_S, edges[-1] - _REACH_S - length, length):
         inside = (t >= start) & (t < start + length)
         if np.count_nonzero(inside) < _WINDOW_POSITIONS - 1:
             continue
         # What the positions see of the path at any of the offsets.
         first, last = t[inside][[0, -1]]
-        ends = np.interp([first + reach_s, last - reach_s], edges, path)
-        if first + 2.0 * reach_s < last and abs(ends[1] - ends[0]) > _SHORTEST_M:
-            windows.append(inside)
+        ends = np.interp([first + _REACH_S, last - _REACH_S], edges, path)
+        if first + 2.0 * _REACH_S < last and abs(ends[1] - ends[0]) > _SHORTEST_M:
+            windows.append((t[inside], z[inside]))
     return windows
 
 

@@ -123,10 +123,9 @@ def with_gnss_in_time(recording: Recording, tach_clock_sd_s: float) -> Recording
     The receiver's speeds are of the same clock; by what they are later, since it filters them, the graph estimates.
 
     The path has the tach's speed, and a tach that is late makes positions early: what is not known of its clock, which
-    is ``tach_clock_sd_s`` where accelerations do not show it, is not known of the receiver's either. Without a tach the
-    path is too rough, and the graph has to find the offset.
+    is ``tach_clock_sd_s`` where accelerations do not show it, is not known of the receiver's either.
     """
-    if recording.gnss is None or recording.tach is None:
+    if recording.gnss is None:
         return recording
     tach_clock = estimate_clock_offset(recording)
     offset = gnss_clock(_with_tach_set(recording, tach_clock))

@@ -183,7 +183,7 @@ def smooth(
     sound = without_imu_faults(recording, limits)
     if sound.imu.empty:
         raise too_short(sound, 0.0)
-    measured, correction = corrected_tach(without_imu_clock_jumps(sound))
+    measured, correction = corrected_tach(without_imu_clock_jumps(sound, config))
     measured = without_contradicted_speeds(without_unmeasured_rows(measured), limits)
     measured = with_gnss_in_time(measured, config.tach.clock_offset_sd_s)
     anchored = with_balise_fixes(measured)

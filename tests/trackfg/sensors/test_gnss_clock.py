@@ -15,15 +15,15 @@ from trackfg.recording.model import GNSS_COLUMNS, IMU_COLUMNS, Recording
 from trackfg.sensors.gnss_clock import gnss_clock
 
 
-def drive(offset_s: float, seed: int, template: Recording, ahead_m: float = 0.0, slow_s: float = 20.0) -> Recording:
+def drive(offset_s: float, seed: int, template: Recording, ahead_m: float = 0.0) -> Recording:
     """A drive through curves at a speed that changes, 0.5 m of noise; the gyro drifts by 0.1 deg/s, the wheel by 2 %.
 
-    Written without trackfg: speed 15 + 5 sin(t / slow_s), yaw rate 0.03 sin(t / 13). The antenna is
+    Written without trackfg: speed 15 + 5 sin(t / 20), yaw rate 0.03 sin(t / 13). The antenna is
     ``ahead_m`` ahead, which is not declared.
     """
     rng = np.random.default_rng(seed)
     t = np.arange(0.0, 300.0, 0.02)
-    speed, rate = 15.0 + 5.0 * np.sin(t / slow_s), 0.03 * np.sin(t / 13.0)
+    speed, rate = 15.0 + 5.0 * np.sin(t / 20.0), 0.03 * np.sin(t / 13.0)
     heading = -0.03 * 13.0 * (np.cos(t / 13.0) - 1.0) + 1.0
     east, north = (np.cumsum(speed * wave(heading)) * 0.02 + ahead_m * wave(heading) for wave in (np.cos, np.sin))
     imu = pd.DataFrame(0.0, index=range(len(t)), columns=list(IMU_COLUMNS)).assign(
@@ -57,23 +57,6 @@ def test_the_offset_is_found_with_its_sigma(offset_s: float, simulated: Callable
         assert found is not None
         errors.append((found.offset_s - offset_s) / found.sd_s)
         assert found.sd_s < 0.25
-    assert np.sqrt(np.mean(np.square(errors))) < 2.5
-
-
-@pytest.mark.parametrize("offset_s", [-1.5, 0.0, 4.0])
-def test_without_a_wheel_the_forward_force_makes_the_path(
-    offset_s: float, simulated: Callable[..., Simulation]
-) -> None:
-    """The sensor is 2 deg nose-down: gravity has a part ahead."""
-    template = simulated("mainline-gnss", seed=2, duration_s=40.0).recording
-    errors = []
-    for seed in range(12):
-        run = with_arm(drive(offset_s, seed, template, slow_s=5.0), 0.0)
-        force = np.cos(run.imu["t_s"] / 5.0) - 0.34
-        found = gnss_clock(replace(run, tach=None, imu=run.imu.assign(fx_mps2=force)), 6.0)
-        assert found is not None
-        errors.append((found.offset_s - offset_s) / found.sd_s)
-        assert found.sd_s < 0.1
     assert np.sqrt(np.mean(np.square(errors))) < 2.5
 
 
