@@ -65,11 +65,13 @@ def imu_clock_jumps(recording: Recording, config: SmoothConfig) -> tuple[ImuCloc
     for first, i, last in zip(edges[:-2] + 1, edges[1:-1], edges[2:], strict=True):
         by = float(steps[i]) - interval
         imu = recording.imu.assign(t_s=clock)
-        earlier, later = imu.iloc[first : i + 1], imu.iloc[i + 1 : last + 1]
         if recording.tach is None:
             was_set = _explains_better(recording, imu, i, by, config)
         else:
-            was_set = _changes_by(by, _offset(recording, earlier.iloc[::-1], 0.0), _offset(recording, later, by))
+            first = max(first, np.searchsorted(clock, clock[i] - _SIDE_S))
+            last = min(last, np.searchsorted(clock, clock[i + 1] + _SIDE_S, side="right") - 1)
+            earlier, later = imu.iloc[first : i + 1], imu.iloc[i + 1 : last + 1]
+            was_set = _changes_by(by, _offset(recording, earlier, 0.0), _offset(recording, later, by))
         if was_set:
             jumps.append(ImuClockJump(float(t[i]), by))
             clock[i + 1 :] -= by
@@ -109,14 +111,10 @@ def _changes_by(by: float, earlier: ClockOffset | None, later: ClockOffset | Non
 
 
 def _offset(recording: Recording, side: pd.DataFrame, by: float) -> ClockOffset | None:
-    """Return what brings the tach's times to the IMU's, s, which may be ``by`` ahead.
-
-    ``side``: the samples of one side, those next to the hole first.
-    """
+    """Return what brings the tach's times to the IMU's on one side of a hole, s; the IMU's may be ``by`` ahead."""
     tach = recording.tach
     assert tach is not None
-    part = side[np.abs(side["t_s"] - side["t_s"].iloc[0]) <= _SIDE_S].sort_values("t_s")
-    part = part.assign(t_s=part["t_s"] - 0.5 * by)
+    part = side.assign(t_s=side["t_s"] - 0.5 * by)
     reach = 0.5 * by + 1.0
     rows = tach[tach["t_s"].between(part["t_s"].iloc[0] - reach, part["t_s"].iloc[-1] + reach)]
     if len(part) < 2 or len(rows) < 2:
