@@ -70,12 +70,13 @@ def calls_of(arguments: argparse.Namespace, seeds: range) -> dict[tuple[str, str
             calls |= {
                 (part, case.name, seed): (measure, (case, seed, arguments.duration)) for case in run for seed in seeds
             }
-    if "floor" in arguments.parts:
-        runs = [LowCostRun(number) for number in range(arguments.floor_runs)]
-        calls |= {("floor", one.name, one.number): (measured_random, (one,)) for one in runs}
-    if "combined" in arguments.parts:
-        together = [CombinedRun(number) for number in range(arguments.combined_runs)]
-        calls |= {("combined", one.name, one.number): (measured_random, (one,)) for one in together}
+    for part, kind, count in (
+        ("floor", LowCostRun, arguments.floor_runs),
+        ("combined", CombinedRun, arguments.combined_runs),
+    ):
+        if part in arguments.parts:
+            runs = [kind(number) for number in range(count)]
+            calls |= {(part, one.name, one.number): (measured_random, (one,)) for one in runs}
     return calls
 
 
