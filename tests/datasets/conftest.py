@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,12 +13,18 @@ import pytest
 from trackfg.datasets.line.irregularities import SHORTEST_M, IrregularityModel, spectra
 from trackfg.datasets.line.line import Line, piecewise_linear
 from trackfg.datasets.line.wavelength_band import d1_gain
+from trackfg.datasets.scenario import Scenario
 from trackfg.datasets.vehicle.driving import Wandering
 from trackfg.datasets.vehicle.motion import Limits
 from trackfg.datasets.vehicle.ride import Ride
 from trackfg.numerics.arrays import Array
 
 BASE_M = 1.067
+
+
+def at_50_hz(plan: Scenario) -> Scenario:
+    """The scenario with fewer samples of the IMU, for tests that look at none."""
+    return replace(plan, imu=replace(plan.imu, rate_hz=50.0))
 
 
 @pytest.fixture(scope="session")

@@ -21,6 +21,8 @@ from trackfg.io.reader import read_recording
 from trackfg.io.truth import read_truth
 from trackfg.numerics.rotations import so3_exp, so3_log
 
+from .conftest import at_50_hz
+
 NAMES = list(datasets.scenarios())
 TRUTH_COLUMNS = [
     *("t_s", "chainage_m", "east_m", "north_m", "up_m", "speed_mps", "roll_rad", "pitch_rad", "yaw_rad", "wheel_scale"),
@@ -33,12 +35,6 @@ TRUTH_COLUMNS = [
 def simulated(name):
     """A run of 50 s. Nobody may change its tables."""
     return datasets.simulate(name, seed=1, duration_s=50.0)
-
-
-def at_50_hz(name):
-    """The scenario with fewer samples of the IMU: line and driving, which are looked at, have none."""
-    plan = scenario(name)
-    return replace(plan, imu=replace(plan.imu, rate_hz=50.0))
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -139,7 +135,7 @@ def test_irregularities_are_drawn_once_while_a_run_has_them_and_then_again_alike
 
 
 def test_mainline_is_a_local_train():
-    truth = datasets.simulate(at_50_hz("mainline"), duration_s=1800.0).truth
+    truth = datasets.simulate(at_50_hz(scenario("mainline")), duration_s=1800.0).truth
     assert 45 / 3.6 < np.ptp(truth["chainage_m"]) / truth["t_s"].iloc[-1] < 75 / 3.6
     # Where the rails dip, the body's x axis does too, and it is a little faster than the place on the designed line.
     assert 80 / 3.6 < truth["speed_mps"].max() <= 120 / 3.6 * (1.0 + 1e-4)
@@ -148,13 +144,13 @@ def test_mainline_is_a_local_train():
 
 
 def test_parked_never_moves_and_no_stop_never_rests():
-    parked = datasets.simulate(at_50_hz("parked"), duration_s=300.0).truth
+    parked = datasets.simulate(at_50_hz(scenario("parked")), duration_s=300.0).truth
     assert (parked["speed_mps"] == 0).all()
-    assert datasets.simulate(at_50_hz("no-stop"), duration_s=600.0).truth["speed_mps"].min() > 10.0
+    assert datasets.simulate(at_50_hz(scenario("no-stop")), duration_s=600.0).truth["speed_mps"].min() > 10.0
 
 
 def test_trolley_stands_a_minute_then_walks():
-    truth = datasets.simulate(at_50_hz("trolley")).truth
+    truth = datasets.simulate(at_50_hz(scenario("trolley"))).truth
     assert (truth["speed_mps"][truth["t_s"] < 60] == 0).all()
     walking = truth["speed_mps"][truth["t_s"] > 70]
     assert walking.mean() == pytest.approx(0.92, abs=0.03)
@@ -163,7 +159,7 @@ def test_trolley_stands_a_minute_then_walks():
 
 @pytest.mark.parametrize("name", ["shunting", "shunting-unsigned"])
 def test_shunting_turns_round(name):
-    simulation = datasets.simulate(at_50_hz(name))
+    simulation = datasets.simulate(at_50_hz(scenario(name)))
     direction = np.sign(simulation.truth["speed_mps"])
     turns = np.count_nonzero(np.diff(direction[direction != 0]))
     assert turns >= 4
@@ -209,7 +205,7 @@ def test_heading_and_origin_are_declared_where_there_is_a_latitude():
 
 @pytest.mark.parametrize("name", ["mainline", "measuring-car", "shunting"])
 def test_at_rest_the_true_speed_is_exactly_zero(name):
-    simulation = datasets.simulate(at_50_hz(name), duration_s=400.0)
+    simulation = datasets.simulate(at_50_hz(scenario(name)), duration_s=400.0)
     t = simulation.truth["t_s"].to_numpy()
     rests = simulation.ride.motion.speed(t) == 0.0
     assert rests[1:].any()

@@ -15,12 +15,9 @@ from trackfg.datasets.sensors.imu_errors import ImuResponse
 from trackfg.datasets.sensors.positioning import BaliseModel
 from trackfg.datasets.vehicle.vehicle import Rigid
 
+from .conftest import at_50_hz
+
 STEP_M = 0.25
-
-
-def at_50_hz(plan):
-    """The scenario with fewer samples of the IMU, for tests that look at none."""
-    return replace(plan, imu=replace(plan.imu, rate_hz=50.0))
 
 
 ROUGH = IrregularityModel(

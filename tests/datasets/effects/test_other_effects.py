@@ -19,10 +19,7 @@ from trackfg.errors import BadInputError
 from trackfg.numerics import units
 from trackfg.recording.description import ImuNoise
 
-
-def at_50_hz(plan):
-    """The scenario with fewer samples of the IMU, for tests that look at none."""
-    return replace(plan, imu=replace(plan.imu, rate_hz=50.0))
+from ..conftest import at_50_hz
 
 
 def fix_errors(simulation):
