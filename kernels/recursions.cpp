@@ -38,7 +38,6 @@ class Conditionals {
     std::ptrdiff_t widest() const { return widest_; }
     std::ptrdiff_t reach(std::ptrdiff_t k) const { return k < 0 ? 0 : ahead_.data()[k]; }
     std::ptrdiff_t width(std::ptrdiff_t k) const { return size() + nav_ * reach(k); }  // of y_k
-    bool reaches() const { return beyond_.size(0) > 0; }
     const double *R(std::ptrdiff_t k) const { return R_.data() + k * dim() * dim(); }
 
     // Write -S_k (K, width).
@@ -184,24 +183,24 @@ PyObject *forward_substitute(PyObject *, PyObject *arguments) {
     });
 }
 
-// covariances(R, S, beyond, ahead, (nav_start, nav_dim), shared, own, gain, wanted, windows): from the covariance of s
-// (s, s) those of x_k with (x_k, s), own (n, K, K + s), and the regressions of x_k on (x_{k+1}, s), gain (n, K, K + s);
-// where any keyframe reaches further, the covariances with these in their place. Either may have no keyframes, if they
-// are not wanted. windows takes those of y_k, one after the other, of the keyframes `wanted`, ascending.
+// covariances(R, S, beyond, ahead, (nav_start, nav_dim), shared, own, cross, wanted, windows): from the covariance of s
+// (s, s) those of x_k with (x_k, s), own (n, K, K + s), and with (x_{k+1}, s), cross (n, K, K + s). Either may have no
+// keyframes, if they are not wanted. windows takes those of y_k, one after the other, of the keyframes `wanted`,
+// ascending.
 PyObject *covariances(PyObject *, PyObject *arguments) {
-    PyObject *R, *S, *beyond, *ahead, *py_shared, *py_own, *py_gain, *py_wanted, *py_windows;
+    PyObject *R, *S, *beyond, *ahead, *py_shared, *py_own, *py_cross, *py_wanted, *py_windows;
     Py_ssize_t nav_start, nav;
     if (!PyArg_ParseTuple(arguments, "OOOO(nn)OOOOO", &R, &S, &beyond, &ahead, &nav_start, &nav, &py_shared, &py_own,
-                          &py_gain, &py_wanted, &py_windows))
+                          &py_cross, &py_wanted, &py_windows))
         return nullptr;
     Conditionals chain(R, S, beyond, ahead, nav_start, nav);
-    const Doubles shared(py_shared, 2), own(py_own, 3, true), gain(py_gain, 3, true), windows(py_windows, 1, true);
+    const Doubles shared(py_shared, 2), own(py_own, 3, true), with_next(py_cross, 3, true), windows(py_windows, 1, true);
     const Integers wanted(py_wanted, 1);
-    if (!chain.ok() || !shared.ok() || !own.ok() || !gain.ok() || !windows.ok() || !wanted.ok()) return nullptr;
+    if (!chain.ok() || !shared.ok() || !own.ok() || !with_next.ok() || !windows.ok() || !wanted.ok()) return nullptr;
     if (!chain.fits()) return refused("conditionals");
     const std::ptrdiff_t n = chain.n(), K = chain.dim(), size = chain.size(), widest = chain.widest();
     if (shared.size(0) != size - K || shared.size(1) != size - K) return refused("shared variables");
-    for (const Doubles *out : {&own, &gain})
+    for (const Doubles *out : {&own, &with_next})
         if ((out->size(0) != 0 && out->size(0) != n) || out->size(1) != K || out->size(2) != size)
             return refused("keyframes");
     std::ptrdiff_t room = 0, before = -1;
@@ -239,11 +238,9 @@ PyObject *covariances(PyObject *, PyObject *arguments) {
             room -= p * p;
             std::memcpy(windows.data() + room, y.data(), p * p * sizeof(double));
         }
-        if (gain.size(0) > 0) {
-            const double *from = chain.reaches() ? cross.data() : A.data();
+        if (with_next.size(0) > 0)
             for (std::ptrdiff_t i = 0; i < K; ++i)
-                std::memcpy(gain.data() + (k * K + i) * size, from + i * p, size * sizeof(double));
-        }
+                std::memcpy(with_next.data() + (k * K + i) * size, &cross[i * p], size * sizeof(double));
         for (std::ptrdiff_t i = 0; i < K; ++i) {
             for (std::ptrdiff_t j = 0; j < K; ++j) next[i * q + j] = 0.5 * (own_k[i * K + j] + own_k[j * K + i]);
             for (std::ptrdiff_t c = K; c < q; ++c) {

@@ -36,7 +36,7 @@ def covariances(
     nav: tuple[int, int],
     shared: Array,
     own: Array,
-    gain: Array,
+    cross: Array,
     wanted: np.ndarray,
     windows: Array,
     /,

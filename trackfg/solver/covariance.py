@@ -27,16 +27,13 @@ _PLACES_IN_A_BLOCK = 8
 _NO_WINDOWS = np.zeros(0, dtype=np.int64), np.zeros(0)
 """Keyframes whose windows are wanted, and room for these: none."""
 
-_AT_A_TIME = 256
-"""Keyframes whose regressions are computed together: what is needed on the way stays small."""
-
 
 @dataclass(frozen=True, repr=False)
 class Covariance(Outlined):
-    """The covariance of a chain consists of marginals and of regressions of each keyframe on the next one.
+    """The covariance of a chain consists of those of each keyframe, and of each with the next one.
 
     Of z_k = (x_k, s), whose s is the same for all: ``of_keyframes`` (n, KEYFRAME_DIM, d), covariances of x_k with z_k;
-    ``of_shared`` (d - KEYFRAME_DIM square), that of s; ``gain`` (n - 1, KEYFRAME_DIM, d), regression of x_k on z_{k+1}.
+    ``of_shared`` (d - KEYFRAME_DIM square), that of s; ``cross`` (n - 1, KEYFRAME_DIM, d), those of x_k with z_{k+1}.
 
     d is KEYFRAME_DIM + SHARED_DIM, in elimination order, and the dimension of each further sensor.
 
@@ -54,12 +51,12 @@ class Covariance(Outlined):
 
     of_keyframes: Array
     of_shared: Array
-    gain: Array
+    cross: Array
 
     @classmethod
-    def of_marginals(cls, marginal: Array, gain: Array) -> Covariance:
-        """Return the covariance of marginals of all z_k, (n, d, d), with the ``gain``."""
-        return cls(marginal[:, :KEYFRAME_DIM], marginal[0, KEYFRAME_DIM:, KEYFRAME_DIM:], gain)
+    def of_marginals(cls, marginal: Array, cross: Array) -> Covariance:
+        """Return the covariance of marginals of all z_k, (n, d, d), with the ``cross`` covariances."""
+        return cls(marginal[:, :KEYFRAME_DIM], marginal[0, KEYFRAME_DIM:, KEYFRAME_DIM:], cross)
 
     @property
     def marginal(self) -> Array:
@@ -107,12 +104,17 @@ class Covariance(Outlined):
         return np.asarray(out)
 
     def with_added_distance_variance(self, variance: Array | float) -> Covariance:
-        """Return the covariance with so much more variance (n,), m^2, of the distances along the track."""
+        """Return the covariance with so much more variance (n,), m^2, of the distances along the track.
+
+        It is that of an error which all of them have in common.
+        """
         if not np.any(variance):
             return self
-        at, of_keyframes = offset_in_keyframe(Kind.ODO), self.of_keyframes.copy()
-        of_keyframes[:, at, at] += variance
-        return replace(self, of_keyframes=of_keyframes)
+        at, sd = offset_in_keyframe(Kind.ODO), np.broadcast_to(np.sqrt(variance), len(self.of_keyframes))
+        of_keyframes, cross = self.of_keyframes.copy(), self.cross.copy()
+        of_keyframes[:, at, at] += sd**2
+        cross[:, at, at] += sd[:-1] * sd[1:]
+        return replace(self, of_keyframes=of_keyframes, cross=cross)
 
     def between(self, i: int, j: int) -> Array:
         """Return the cross-covariance of keyframes ``i <= j``, shape (d, d).
@@ -120,21 +122,28 @@ class Covariance(Outlined):
         Exact for a chain; with a longer reach exact for neighbours, and carried from neighbour to neighbour beyond.
         """
         out = self.at(j)
-        for k in range(j - 1, i - 1, -1):
-            out = np.concatenate([self.gain[k] @ out, out[KEYFRAME_DIM:]])
+        if i < j:
+            out = np.concatenate([self.cross[j - 1], out[KEYFRAME_DIM:]])
+        for gain in reversed(self._gains(i, j - 1)):
+            out = np.concatenate([gain @ out, out[KEYFRAME_DIM:]])
         return out
+
+    def _gains(self, begin: int, end: int) -> Array:
+        """Return the regressions of x_k on z_{k+1} for keyframes from ``begin`` until before ``end``, (m, K, d)."""
+        cross, ahead = self.cross[begin:end], self.at(slice(begin + 1, end + 1))
+        sd = np.sqrt(np.diagonal(ahead, axis1=1, axis2=2))
+        correlation = ahead / (sd[:, :, None] * sd[:, None, :])
+        scaled = np.linalg.solve(correlation, np.swapaxes(cross / sd[:, None, :], 1, 2))
+        return np.asarray(np.swapaxes(scaled, 1, 2) / sd[:, None, :])
 
 
 class _Window(NamedTuple):
-    """Covariances at keyframe k are those of y_k (p, p), of x_k with y_k (K, p), and of x_k with z_k; ``regression``
-    (K, p) is A_k.
-    """
+    """Covariances at keyframe k are those of y_k (p, p), of x_k with y_k (K, p), and of x_k with z_k."""
 
     k: int
     ahead: Array
     cross: Array
     marginal: Array
-    regression: Array
 
 
 def _windows(root: SquareRoot) -> Iterator[_Window]:
@@ -151,16 +160,15 @@ def _windows(root: SquareRoot) -> Iterator[_Window]:
         marginal, both = cross @ A.T + spread[k], cross[:, kept]
         whole[:dim, :dim] = 0.5 * (marginal + marginal.T)
         whole[:dim, dim:], whole[dim:, :dim], whole[dim:, dim:] = both, both.T, ahead[kept][:, kept]
-        yield _Window(k, ahead, cross, whole[:dim, :size], A)
+        yield _Window(k, ahead, cross, whole[:dim, :size])
         ahead = whole
 
 
-def _by_numpy(root: SquareRoot, marginal: Array, gain: Array) -> None:
+def _by_numpy(root: SquareRoot, marginal: Array, cross: Array) -> None:
     """Do as the kernel (kernels/recursions.cpp)."""
-    reaches, size = bool(root.ahead.any()), root.size
     for window in _windows(root):
         marginal[window.k] = window.marginal
-        gain[window.k] = (window.cross if reaches else window.regression)[:, :size]
+        cross[window.k] = window.cross[:, : root.size]
 
 
 def posterior_covariance(root: SquareRoot) -> Covariance:
@@ -193,15 +201,14 @@ def posterior_covariance(root: SquareRoot) -> Covariance:
     if not isinstance(root, SquareRoot):
         raise TypeError(f"expected the square root of a solution, solution.root, not {type(root).__name__}")
     n, size = len(root.R), root.size
-    marginal, gain = np.empty((2, n, KEYFRAME_DIM, size))
+    marginal, cross = np.empty((2, n, KEYFRAME_DIM, size))
     if compiled_kernels():
         from trackfg.numerics import compiled
 
-        compiled.covariances(*root.conditionals(), root.shared_covariance, marginal, gain, *_NO_WINDOWS)
+        compiled.covariances(*root.conditionals(), root.shared_covariance, marginal, cross, *_NO_WINDOWS)
     else:
-        _by_numpy(root, marginal, gain)
-    covariance = Covariance(marginal, root.shared_covariance, gain[:-1])
-    return replace(covariance, gain=_gain(covariance, gain)) if root.ahead.any() else covariance
+        _by_numpy(root, marginal, cross)
+    return Covariance(marginal, root.shared_covariance, cross[:-1])
 
 
 def posterior_samples(root: SquareRoot, count: int, rng: np.random.Generator) -> tuple[Array, Array]:
@@ -320,18 +327,6 @@ def covariance_given_next(root: SquareRoot, functions: Functions) -> tuple[Array
     carried[:dim, last] += functions.by_second[last].T
     carried[dim : dim + functions.by_shared.shape[1]] += functions.by_shared.T  # what is behind is not touched
     return total, carried[:size]
-
-
-def _gain(covariance: Covariance, cross: Array) -> Array:
-    """Return the regressions of keyframes on the next ones, written over their ``cross`` covariances (n, K, d)."""
-    for begin in range(0, len(cross) - 1, _AT_A_TIME):
-        some = cross[begin : min(begin + _AT_A_TIME, len(cross) - 1)]
-        ahead = covariance.at(slice(begin + 1, begin + 1 + len(some)))
-        sd = np.sqrt(np.diagonal(ahead, axis1=1, axis2=2))
-        correlation = ahead / (sd[:, :, None] * sd[:, None, :])
-        scaled = np.linalg.solve(correlation, np.swapaxes(some / sd[:, None, :], 1, 2))
-        some[:] = np.swapaxes(scaled, 1, 2) / sd[:, None, :]
-    return cross[:-1]
 
 
 def times_covariance(root: SquareRoot, keyframes: Array, shared: Array) -> tuple[Array, Array]:

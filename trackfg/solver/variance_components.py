@@ -132,20 +132,22 @@ def _spread(covariance: Covariance, first: np.ndarray, last: np.ndarray, side: _
         at_first = covariance.rows(first[rows], side.columns)[:, :, side.columns]
         spread[rows] = np.sum((J @ at_first) * J, axis=2)
         if next_side.columns.size:
-            at_last = covariance.rows(last[rows], next_side.columns).swapaxes(1, 2)
-            spread[rows] += np.sum((K @ at_last[:, next_side.columns]) * K, axis=2)
-            spread[rows] += 2.0 * np.sum((J @ _cross(covariance, first[rows], side.columns, at_last)) * K, axis=2)
+            at_last = covariance.rows(last[rows], next_side.columns)
+            spread[rows] += np.sum((K @ at_last[:, :, next_side.columns]) * K, axis=2)
+            with_next = _cross(covariance, first[rows], side.columns, next_side.columns, at_last)
+            spread[rows] += 2.0 * np.sum((J @ with_next) * K, axis=2)
     return spread
 
 
-def _cross(covariance: Covariance, first: np.ndarray, rows: np.ndarray, at_next: Array) -> Array:
-    """Return the covariance of ``rows`` (r,) of keyframes ``first`` (m,) with columns of their next ones, whose own
-    covariances with all of their keyframe and the shared variables are ``at_next`` (m, d, c).
+def _cross(covariance: Covariance, first: np.ndarray, rows: np.ndarray, columns: np.ndarray, at_next: Array) -> Array:
+    """Return the covariance of ``rows`` (r,) of keyframes ``first`` (m,) with ``columns`` (c,) of their next ones.
+
+    ``at_next`` (m, c, d): that of the columns with all of their own keyframe and the shared variables.
     """
-    k, in_keyframe = np.minimum(first, len(covariance.gain) - 1), rows < KEYFRAME_DIM
-    cross = np.empty((len(first), rows.size, at_next.shape[2]))
-    cross[:, in_keyframe] = covariance.gain[k[:, None], rows[in_keyframe]] @ at_next
-    cross[:, ~in_keyframe] = at_next[:, rows[~in_keyframe]]
+    k, in_keyframe = np.minimum(first, len(covariance.cross) - 1), rows < KEYFRAME_DIM
+    cross = np.empty((len(first), rows.size, columns.size))
+    cross[:, in_keyframe] = covariance.cross[k[:, None, None], rows[in_keyframe, None], columns]
+    cross[:, ~in_keyframe] = at_next[:, :, rows[~in_keyframe]].swapaxes(1, 2)
     return cross
 
 
