@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import os
 import subprocess
 import sys
 
@@ -44,3 +45,17 @@ def test_what_is_not_used_is_imported_when_it_is() -> None:
     used = "import numpy.testing; numpy.testing.assert_allclose(1.0, 1.0); import numpy.f2py; numpy.f2py.get_include()"
     there = "print('unittest' in sys.modules, 'numpy.f2py.crackfortran' in sys.modules)\n"
     assert printed(there + used + "\n" + there) == ["False", "False", "True", "True"]
+
+
+@pytest.mark.parametrize("declared", [None, "2"])
+def test_linear_algebra_has_one_thread_unless_the_environment_says_how_many(
+    declared: str | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delenv("OPENBLAS_NUM_THREADS", raising=False)
+    if declared is not None:
+        monkeypatch.setenv("OPENBLAS_NUM_THREADS", declared)
+    pools = "from threadpoolctl import threadpool_info; print(*{pool['num_threads'] for pool in threadpool_info()})\n"
+    there = "import os; print('OPENBLAS_NUM_THREADS' in os.environ)"
+    threads, is_declared = printed(pools + there)
+    assert threads == str(min(int(declared or 1), os.cpu_count() or 1))
+    assert is_declared == str(declared is not None)
