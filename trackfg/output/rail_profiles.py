@@ -61,10 +61,10 @@ def rail_profiles(run: RunContext, motion: DenseMotion, states: States, views: l
 
 def _profile(run: RunContext, motion: DenseMotion, views: list[RailView], stretch: Pass) -> Profile | None:
     step_m = run.conventions.step_m
-    ascents = [Ascent.of(run, motion, stretch, view.along_m) for view in views]
-    if not all(ascent.holds_profile(step_m) for ascent in ascents):
+    ascents = {along_m: Ascent.of(run, motion, stretch, along_m) for along_m in {view.along_m for view in views}}
+    if not all(ascent.holds_profile(step_m) for ascent in ascents.values()):
         return None
-    sights = [_Sight.of(run, motion, view, ascent) for view, ascent in zip(views, ascents, strict=True)]
+    sights = [_Sight.of(run, motion, view, ascents[view.along_m]) for view in views]
     first = max(sight.cell[0] for sight in sights)
     last = min(sight.cell[-1] for sight in sights)
     if (last - first) * step_m < SHORTEST_PASS_M:

@@ -205,12 +205,11 @@ class _Columns:
             nothing = np.zeros_like(place.height)
             motion = Shapes(place.height, place.lateral, angle.tilt, angle.heading + place.turn / step)
             return motion, Shapes(nothing, nothing, nothing, nothing)
-        points = [PointErrors(self.run, view.points[rows], self.errors) for view in views]
-        turned: dict[float, Array] = {}
-        for view, errors in zip(views, points, strict=True):
-            if view.along_m not in turned:
-                turned[view.along_m] = errors.turned()
-        moved = [errors.places(turned[view.along_m]) for view, errors in zip(views, points, strict=True)]
+        units: dict[float, PointErrors] = {}
+        for view in views:
+            if view.along_m not in units:
+                units[view.along_m] = PointErrors(self.run, view.points[rows], self.errors)
+        moved = [units[view.along_m].places(view.points[rows].arm) for view in views]
 
         def rails(heights: list[Array], laterals: list[Array]) -> Shapes:
             sides = {
