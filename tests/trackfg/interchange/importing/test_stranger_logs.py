@@ -389,7 +389,37 @@ def _distance_of_each_row(drive: Drive, folder: Path) -> Path:
     return _text(folder / "log.csv", [HEAD.replace("wheel_kmh", "distance_m")], rows)
 
 
+def _seconds_and_nanoseconds(drive: Drive, folder: Path) -> Path:
+    vectors = ("angular_velocity", "linear_acceleration")
+    head = ["header.stamp.sec", "header.stamp.nanosec"]
+    head += [f"{vector}.{axis}" for vector in vectors for axis in "xyz"] + ["wheel_speed_kmh"]
+    head += [f"{vector}_covariance[{i}]" for vector in vectors for i in range(9)]
+    rows = _cells(drive, [f"{ns // 10**9},{ns % 10**9}" for ns in drive.ns], wheel=1 / 3.6)
+    return _text(folder / "imu.csv", [",".join(head)], [[*row, *["0.0"] * 18] for row in rows])
+
+
+def _parts_of_a_date(drive: Drive, folder: Path, form: str, names: str) -> Path:
+    rows = _cells(drive, _stamps(drive, form), rate=DEG, force=G, wheel=1 / 3.6)
+    return _text(folder / "log.csv", [HEAD.replace("t_s", names)], rows)
+
+
+def _day_of_the_year(drive: Drive, folder: Path) -> Path:
+    return _parts_of_a_date(drive, folder, "%Y,%j,%H,%M,%S.%f", "Year,Day of Year,Hour,Minute,Second")
+
+
+def _short_names_of_a_date(drive: Drive, folder: Path) -> Path:
+    return _parts_of_a_date(drive, folder, "%Y,%m,%d,%H,%M,%S.%f", "year,month,day,hour,min,sec")
+
+
+def _week_and_seconds_of_it(drive: Drive, folder: Path) -> Path:
+    seconds = (drive.ns - pd.Timestamp("1980-01-06").value) / 1e9 + 18.0
+    times = [f"{t // 604_800:.0f},{t % 604_800:.3f}" for t in seconds]
+    rows = _cells(drive, times, rate=DEG, force=G, wheel=1 / 3.6)
+    return _text(folder / "log.csv", [HEAD.replace("t_s", "GPS Week,SOW")], rows)
+
+
 DATED = (
+    _seconds_and_nanoseconds, _day_of_the_year, _short_names_of_a_date, _week_and_seconds_of_it,
     _row_for_each_field, _finnish, _columns_of_two_levels,
     _date_and_time_in_digits, _iso_with_an_offset, _name_of_a_zone, _repeated_and_displaced_rows,
     _a_row_for_each_sensor,

@@ -1,7 +1,8 @@
-"""A date that a table has in parts becomes one column.
+"""A time that a table has in parts becomes one column.
 
-The parts are year, month, day, hour, minute and second, a column each, the week of GPS and the time in it, or a date
-and a time of day in digits, as receivers write them (``010526``, ``031200.005``).
+The parts are year, month, day (or day of the year), hour, minute and second, a column each, the week of GPS and the
+time in it, a date and a time of day in digits, as receivers write them (``010526``, ``031200.005``), or whole seconds
+and a fraction of them, as ROS 2 has it (``stamp.sec``, ``stamp.nanosec``).
 """
 
 from __future__ import annotations
@@ -17,16 +18,31 @@ from trackfg.interchange.importing.source_table import SourceTable
 from trackfg.interchange.importing.times import are_clock_digits, clock_ns, gps_ns
 
 COMPOSED = "date_and_time_ns"
-"""The column that is added: ns since 1970."""
+"""The column that is added: ns since 1970, or of seconds alone since the zero that they count from."""
 
-_PARTS = ("year", "month", "day", "hour", "minute", "second")
+_PARTS = {
+    "year": r"(?<!of[\s_.])year",
+    "month": "month",
+    "day": "day",
+    "hour": "hour|hr",
+    "minute": "minute|min",
+    "second": "second|sec",
+}
+"""Parts of a date, and the names of their columns."""
+_DAY_OF_YEAR = re.compile(r"(^|[\s_.])(doy|y(ear)?[\s_]?day|day[\s_]?of[\s_]?year|julian[\s_]?day)$", re.IGNORECASE)
 _FRACTIONS = {"nano": 1, "nanosecond": 1, "microsecond": 1_000, "millisecond": 1_000_000}
 """Columns of what is beyond the whole seconds, ns."""
-
+_OF_A_SECOND = re.compile(r"(?P<stem>.*?)(?P<part>nano|micro|milli|n|u|m)?sec(?:ond)?s?", re.IGNORECASE)
+"""The name of whole seconds, which has no ``part``, or of what is beyond them."""
+_PARTS_NS = {"nano": 1, "n": 1, "micro": 1_000, "u": 1_000, "milli": 1_000_000, "m": 1_000_000}
+_SECOND_NS = 1_000_000_000
+_GROWING = 0.99
+"""Share of rows that no earlier one follows: seconds of a minute fall in one of 60."""
 
 _WEEK = re.compile(r"(^|[\s_.]|gps)week(.?(no|num|number))?$", re.IGNORECASE)
 _TIME_OF_WEEK = re.compile(
-    r"(^|[\s_.]|gps)i?tow(_?m?s)?$|time.?of.?week|(week|gps).?(s|sec|seconds?|ms|time)$", re.IGNORECASE
+    r"(^|[\s_.]|gps)(i?tow|sow)(_?m?s)?$|(time|seconds?).?of.?week|(week|gps).?(s|sec|seconds?|ms|time)$",
+    re.IGNORECASE,
 )
 _WEEK_S = 604_800.0
 _FIRST_WEEK, _LAST_WEEK = 960, 4000
@@ -35,7 +51,7 @@ _FIRST_WEEK, _LAST_WEEK = 960, 4000
 
 def with_whole_dates(table: SourceTable) -> SourceTable:
     """Return a table with the column :data:`COMPOSED` where it has all parts of a date, else the table as it is."""
-    readings = (read(table) for read in (_of_the_week, _of_the_calendar, _of_digits))
+    readings = (read(table) for read in (_of_the_week, _of_the_calendar, _of_digits, _of_seconds))
     ns = next((ns for ns in readings if ns is not None), None)
     if ns is None:
         return table
@@ -45,7 +61,8 @@ def with_whole_dates(table: SourceTable) -> SourceTable:
 def parts_of_dates(table: SourceTable) -> set[str]:
     """Return the columns that :data:`COMPOSED` is made of, and others that are called as such."""
     names = [table.name_like(pattern) for pattern in (_WEEK, _TIME_OF_WEEK, _DATE, _CLOCK)]
-    names += [_column(table, part) for part in (*_PARTS, *_FRACTIONS)]
+    names += [_column(table, part) for part in (*_PARTS.values(), *_FRACTIONS)]
+    names += [table.name_like(_DAY_OF_YEAR), *(_seconds_and_part(table) or ())[:2]]
     return {name for name in names if name is not None} if COMPOSED in table.columns else set()
 
 
@@ -66,14 +83,18 @@ def _of_the_week(table: SourceTable) -> np.ndarray | None:
 
 def _of_the_calendar(table: SourceTable) -> np.ndarray | None:
     """Return the times (n,), ns since 1970, of columns from the year to the second; None without them."""
-    parts = [_column(table, part) for part in _PARTS]
-    if any(part is None for part in parts):
+    names = {part: _column(table, words) for part, words in _PARTS.items()}
+    day_of_year = table.name_like(_DAY_OF_YEAR)
+    if day_of_year is not None:
+        names |= {"month": day_of_year, "day": day_of_year}
+    numbers = {part: table.frame[name] for part, name in names.items() if name is not None}
+    if len(numbers) < len(_PARTS) or not _are_numbers(numbers.values()):
         return None
-    numbers = {part: table.frame[name] for part, name in zip(_PARTS, parts, strict=True)}
-    if not _are_numbers(numbers.values()):
-        return None
-    whole = {part: np.floor(column).astype(np.int64) for part, column in numbers.items()}
-    dates = pd.to_datetime(pd.DataFrame(whole), errors="coerce")
+    whole = pd.DataFrame({part: np.floor(column).astype(np.int64) for part, column in numbers.items()})
+    if day_of_year is not None:
+        dates = pd.to_datetime(whole.assign(month=1, day=1), errors="coerce") + pd.to_timedelta(whole["day"] - 1, "D")
+    else:
+        dates = pd.to_datetime(whole, errors="coerce")
     if dates.isna().any():
         return None
     ns = dates.astype("datetime64[ns]").astype(np.int64).to_numpy()
@@ -123,9 +144,28 @@ def _of_digits(table: SourceTable) -> np.ndarray | None:
     return np.asarray(ns + clock_ns(seconds))
 
 
+def _of_seconds(table: SourceTable) -> np.ndarray | None:
+    """Return the times (n,), ns, of whole seconds and what is beyond them, in two columns; None without them."""
+    names = _seconds_and_part(table)
+    if names is None or not all(pd.api.types.is_integer_dtype(table.frame[name]) for name in names[:2]):
+        return None
+    seconds, part = (table.frame[name].to_numpy(dtype=np.int64) for name in names[:2])
+    ns = seconds * _SECOND_NS + part * names[2]
+    fits = part.size > 1 and part.min() >= 0 and part.max() * names[2] < _SECOND_NS
+    return ns if fits and (np.diff(ns) >= 0).mean() > _GROWING else None
+
+
+def _seconds_and_part(table: SourceTable) -> tuple[str, str, int] | None:
+    """Return the columns of whole seconds and of what is beyond them, and the unit of these, ns; None without them."""
+    matches = [match for name in table.columns if (match := _OF_A_SECOND.fullmatch(name))]
+    whole = {match["stem"]: match.string for match in matches if match["part"] is None}
+    parts = [match for match in matches if match["part"] is not None and match["stem"] in whole]
+    return next(((whole[match["stem"]], match.string, _PARTS_NS[match["part"].casefold()]) for match in parts), None)
+
+
 def _are_numbers(columns: Iterable[pd.Series]) -> bool:
     return all(pd.api.types.is_numeric_dtype(column) and column.notna().all() for column in columns)
 
 
-def _column(table: SourceTable, part: str) -> str | None:
-    return table.name_like(re.compile(rf"(^|[\s_.]){part}s?$", re.IGNORECASE))
+def _column(table: SourceTable, words: str) -> str | None:
+    return table.name_like(re.compile(rf"(^|[\s_.])({words})s?$", re.IGNORECASE))

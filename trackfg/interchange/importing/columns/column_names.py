@@ -26,6 +26,8 @@ _OTHER = re.compile(
     r"\b(min|max|mean|avg)\b|^(motion )?(gravity|schwerkraft)\b(?! ?free)|^motiongravity"
 )
 """Quantities beside a gyro and an accelerometer that have axes too, and statistics of theirs."""
+_COVARIANCE = "covar"
+"""What is in the names of an array that holds no measurement, as beside each vector of a ROS message."""
 _NO_RATE = r"^(?!.*\b(vel|acc|std|sd|sigma|err|var))"
 _GRID = "(utm|etrs|epsg|lv)"
 """Easting and northing are those of no velocity and no sigma; they may stand beside the name of a reference system."""
@@ -57,7 +59,8 @@ _PATTERNS = {
     "sd_horizontal": r"h(or\w*)?[ _]?acc|horizontal.?accuracy|^((gps|gnss|location)[ _])?accuracy|sd[ _]?[neh]\b",
     "sd_vertical": r"v(er\w*)?[ _]?acc\b|vertical.?accuracy|altitude.?accuracy|sd[ _]?[uv]\b",
     "time": (
-        r"^t$|time|zeit|uhr|datum|(?<!up)date|utc|stamp|elapsed|epoch|heure|seconds?$|^ts$|^gpst$|\btow\b|^sow$|^sod$|"
+        r"^t$|time|zeit|uhr|datum|(?<!up)date|utc|stamp|elapsed|epoch|heure|seconds?$|^ts$|^gpst$|\btow\b|\bso[wd]$|"
+        r"seconds? of (the )?(day|week)$|"
         r"時刻|時間|时间|tiempo|^temps|hora|^aika|^tid$|^tijd|^czas|^clock$|^millis|^micros"
     ),
 }
@@ -112,6 +115,8 @@ def _without_unit(name: str) -> tuple[str, str]:
 def meaning(name: str) -> str | None:
     """Return the kind of quantity that a column's name means; None where it means none that is known."""
     parts, folded = parts_of(name), name.casefold().strip()
+    if _COVARIANCE in folded:
+        return None
     kinds = [kind for kind in _PATTERNS if parts.axis is not None or kind not in _INERTIAL]
     if parts.axis is not None and _OTHER.search(parts.words):
         kinds = [kind for kind in kinds if kind not in _INERTIAL]
