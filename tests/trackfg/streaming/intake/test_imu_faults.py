@@ -308,7 +308,7 @@ def test_estimates_are_within_their_sigmas_after_every_fault(ride: Simulation) -
     imu[row[26.0] : row[26.1], 1:] = np.repeat([5.0, 50.0], 3) * rng.choice([-1.0, 1.0], (row[26.1] - row[26.0], 6))
     imu[row[27.0], 1:] = [1e4, 0.0, -1e4, 1e9, -1e9, 0.0]
     recording = replace(ride.recording, imu=pd.DataFrame(imu, columns=ride.recording.imu.columns))
-    source = RecordingSource(recording)
+    source = RecordingSource(recording, batch_s=1.0)
     intake, smoother = Intake.of(source), FixedLagSmoother(recording.description, lag_s=6.0)
     pieces, kinds = [], []
     for batch in source:

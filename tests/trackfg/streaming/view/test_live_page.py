@@ -29,7 +29,7 @@ from trackfg.streaming.view.live_state import LiveState
 def steps() -> list[StreamStep]:
     """What a minute and a half of a measuring car lead to."""
     found: list[StreamStep] = []
-    source = RecordingSource(simulate("measuring-car", seed=0, duration_s=90.0).recording)
+    source = RecordingSource(simulate("measuring-car", seed=0, duration_s=90.0).recording, batch_s=1.0)
     stream = Stream.of(source, FixedLagSmoother(source.description, lag_s=5.0))
     stream.clock = lambda: 0.0  # no delay but the rows' own
     stream.run(Callback(lambda table, frame: None), watch=found.append)
