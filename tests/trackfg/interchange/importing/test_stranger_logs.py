@@ -515,6 +515,18 @@ def test_a_unit_that_is_not_known_is_asked_and_turns_need_the_wheel(drive: Drive
         _answered(unknown, tmp_path / "u")
 
 
+def test_a_rate_in_a_unit_that_is_not_known_is_asked(drive: Drive, tmp_path: Path) -> None:
+    head = ",".join(["t [s]", *(f"gyro {axis} [gon/s]" for axis in "xyz"), *(f"acc {axis} [g]" for axis in "xyz")])
+    rows = [row[:7] for row in _cells(drive, _seconds(drive), rate=np.pi / 200.0, force=G)]
+    source = _text(tmp_path / "log.csv", [head], rows)
+
+    with pytest.raises(BadInputError, match=r"imu.gyro_unit: .* \(Unit of gyro x, .*, which the source calls gon/s\)"):
+        _answered(source, tmp_path / "refused")
+    recording, _ = _answered(source, tmp_path / "made", imu_gyro_unit="0.9 deg/s")
+
+    _is_of(recording, drive, dated=False)
+
+
 def test_pulses_per_turn_are_not_assumed(drive: Drive, tmp_path: Path) -> None:
     pulses = np.floor(np.cumsum(drive.speed) / 100.0 / (np.pi * 0.92 / 90)).astype(int)
     rows = [

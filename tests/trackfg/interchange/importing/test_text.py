@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 from trackfg.errors import BadInputError
 from trackfg.interchange.importing.columns.column_meaning import has_gravity, triples
 from trackfg.interchange.importing.columns.column_names import meaning, parts_of
+from trackfg.interchange.importing.columns.written_units import Quantity, factor_of, unit_in
 from trackfg.interchange.importing.conversion import Imported
 from trackfg.interchange.importing.sample_stamps import spread_stamps
 from trackfg.interchange.importing.source_table import SourceTable
@@ -395,6 +396,25 @@ def test_a_gyros_unit_is_that_of_its_columns_names(names: str, unit: str) -> Non
     columns = pd.DataFrame({names.format(axis): [0.01, 0.02] for axis in "xyz"})
     (triple,) = triples(SourceTable("log.csv", columns), "gyro")
     assert (triple.unit, triple.known) == (unit, True)
+
+
+@pytest.mark.parametrize(
+    ("written", "quantity", "factor"),
+    [
+        ("SpeedKnots", "speed", 1852.0 / 3600.0),
+        ("SpeedKts", "speed", 1852.0 / 3600.0),
+        ("rev/s", "angular rate", 2.0 * np.pi),
+        ("{deg/s}", "angular rate", np.pi / 180.0),
+        ("<º/s>", "angular rate", np.pi / 180.0),
+    ],
+)
+def test_a_unit_is_known_at_the_end_of_a_name_and_in_other_brackets(
+    written: str, quantity: Quantity, factor: float
+) -> None:
+    unit = unit_in(written, quantity)
+
+    assert unit is not None
+    assert factor_of(unit, quantity) == pytest.approx(factor)
 
 
 @pytest.mark.parametrize(

@@ -35,6 +35,8 @@ _GRAVITY_BAND = (0.8, 1.2)
 """Median specific force of a vehicle on a track, g, with scale and bias of the worst sensors."""
 _FASTEST_TURN_DEG = 0.5
 """A rail vehicle turns by at most some 10 deg/s: rates above so much are no rad/s."""
+_RATE = re.compile(r"/|per|-1|hz|rps", re.IGNORECASE)
+"""What the written unit of a rate has; other words in its place, such as raw or LSB, are no unit."""
 _SAMPLE = 10_000
 """Cells of a column that decide whether it holds whole numbers."""
 
@@ -150,6 +152,8 @@ def _unit(table: SourceTable, columns: tuple[str, str, str], kind: InertialKind)
         return f"{stated}/s", False  # degrees or radians that a table calls so for short
     if _are_counts(values):
         return next((scale for scale in _scales(table) if factor_of(scale, "angular rate") is not None), ""), False
+    if _RATE.search(stated):
+        return "", False  # one that is not known: motion cannot distinguish a gon from a degree
     fast = float(np.quantile(np.abs(values), 0.99)) > _FASTEST_TURN_DEG
     return ("deg/s" if fast else "rad/s"), False
 

@@ -40,10 +40,15 @@ _TIMES = {
 _PER = r"\s?(?:/|per|_per_|_p_|p|_|\*|\.|\s|)\s?"
 """What stands between a unit and the time by which it is divided."""
 
-_TURNS_A_MINUTE = ("rpm", "1/min", "min-1", "min^-1", "u/min", "r/min", "tr/min")
+_TURNS_A_MINUTE = ("rpm", "rev/min", "1/min", "min-1", "min^-1", "u/min", "r/min", "tr/min")
 """Turns a minute in English, German and French; one turn is 2 pi rad."""
+_TURNS_A_SECOND = ("rps", "rev/s", "u/s", "tr/s")
 _NAMED: dict[Quantity, dict[str, float]] = {
-    "angular rate": {"dps": math.radians(1.0), **dict.fromkeys(_TURNS_A_MINUTE, math.tau / 60.0)},
+    "angular rate": {
+        "dps": math.radians(1.0),
+        **dict.fromkeys(_TURNS_A_MINUTE, math.tau / 60.0),
+        **dict.fromkeys(_TURNS_A_SECOND, math.tau),
+    },
     "acceleration": {
         **dict.fromkeys(("g", "gn", "g0", "gs", "g's"), STANDARD_GRAVITY),
         "gal": 1e-2,
@@ -102,11 +107,11 @@ def factor_of(text: str, quantity: Quantity) -> float | None:
     return _plain_factor(unit, quantity)
 
 
-_PLAIN = str.maketrans({"µ": "u", "μ": "u", "°": "deg", "²": "2", "⁻": "-", "¹": "1", "′": "'"})
+_PLAIN = str.maketrans({"µ": "u", "μ": "u", "°": "deg", "º": "deg", "²": "2", "⁻": "-", "¹": "1", "′": "'"})
 
 
 def _folded(text: str) -> str:
-    unit = text.strip().strip("[]()").strip().casefold().translate(_PLAIN)
+    unit = text.strip().strip("[](){}<>").strip().casefold().translate(_PLAIN)
     return unit.replace("**", "^").replace("sec2", "s2")
 
 
@@ -161,6 +166,6 @@ def unit_in(text: str, quantity: Quantity) -> str | None:
     words = [word for word in re.split(r"[\s_()\[\],;:]+", text) if word]
     ends = ["".join(words[-2:]), *words[::-1]] if len(words) > 1 else []
     unit = next((word for word in ends if factor_of(word, quantity) is not None), None)
-    if unit is None and (match := re.search(r"(?<=[a-z])_?(kmh|kph|mph|mps|dps)$", text.casefold())):
+    if unit is None and (match := re.search(r"(?<=[a-z])_?(kmh|kph|mph|mps|dps|knots?|kts)$", text.casefold())):
         unit = match[1]
     return None if unit is None else usual_name(unit, quantity)

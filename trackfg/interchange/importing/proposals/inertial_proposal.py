@@ -109,9 +109,10 @@ def _unit(proposal: Proposal, triple: Triple, key: str, ask: Ask) -> str:
         return f"-1 {triple.unit or 'g'}"
     if triple.known:
         return triple.unit
-    text = f"Unit of {', '.join(triple.columns)}"
+    text, stated = f"Unit of {', '.join(triple.columns)}", triple.table.units.get(triple.columns[0], "")
     if not triple.unit:
-        return asked_unit(ask, f"imu.{key}_unit", f"{text}, or what one count is worth", "", QUANTITY_OF[key])
+        more = f"which the source calls {stated}" if stated else "or what one count is worth"
+        return asked_unit(ask, f"imu.{key}_unit", f"{text}, {more}", "", QUANTITY_OF[key])
     if key == "accel":
         proposal.reasons["imu.accel_unit"] = "gravity shows it, to about 1 %"
     else:
