@@ -1,11 +1,10 @@
 """A tach that is wrong throughout is put right before there is a graph: km/h for m/s, the other sense, seconds late.
 
 The graph's priors are those of a tach that is described rightly: a scale to 1 %, a clock to 0.1 s. From there a factor
-of 3.6 is one slip from the first interval to the last, and nothing contradicts it. But forward force says what the
-vehicle's acceleration is. In a band in which both show starts and stops, and neither gradients nor rounding, force is
-k times the tach's acceleration. The slope of force on acceleration is too small by the noise of the tach, the inverse
-of the slope of acceleration on force too large by all else that the accelerometer measures; k lies between them
-(Frisch, *Statistical confluence analysis*, 1934).
+of 3.6 is one slip from the first interval to the last, and nothing contradicts it. But forward force is the vehicle's
+acceleration, once the gyro has shown what is gravity in it: a body pitches on its springs when it brakes, and a road
+climbs. Where force is surely another multiple of the tach's acceleration than one
+(:func:`trackfg.checks.diagnosis_speed.forward_slope`), the tach is wrong by as much.
 """
 
 from __future__ import annotations
@@ -14,28 +13,18 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from trackfg.checks.diagnosis_clock import ClockOffset, estimate_clock_offset, tach_acceleration
+from trackfg.checks.diagnosis_clock import ClockOffset, estimate_clock_offset
+from trackfg.checks.diagnosis_speed import forward_slope
+from trackfg.checks.force_balance import force_balance
 from trackfg.numerics.units import KMH, MPH
 from trackfg.recording.findings import Finding
 from trackfg.recording.model import Recording
-from trackfg.sensors.averages import averaged, band_passed
-
-_STEP_S = 0.1
-"""Force and acceleration are compared as means over this, s."""
-
-_SHORT_S, _LONG_S = 2.0, 10.0
-"""The band, s: longer than the rounding of one pulse per revolution lasts, shorter than gradients. On simulated runs
-the two slopes enclose the truth within 7 % there, with slips under leaves too.
-"""
 
 _LEAST_CORRELATION = 0.8
-"""Below it the two slopes are more than a factor 1.6 apart. With slips under leaves it is 0.5 to 0.8 at short lags."""
-
-_LEAST_ACCELERATION = 0.02
-"""Of the accelerometer in the band, m/s^2 rms: as large as gradients make it where the vehicle just goes on."""
+"""Below it the slope may be off by a factor of 1.25. With slips under leaves it is 0.5 to 0.8 at short lags."""
 
 _RIGHT = 0.15
-"""A tach of which a slope is as near to 1 is right but for its scale, or a sensor's, which is left to the graph."""
+"""A tach whose slope may be as near to 1 is right but for its scale, or a sensor's, which is left to the graph."""
 
 _NEAR = 0.1
 """A factor as near to that of a usual mistake, in proportion, is taken for it."""
@@ -112,24 +101,14 @@ def _mistake(factor: float) -> tuple[float, str]:
 
 
 def force_per_acceleration(recording: Recording) -> float | None:
-    """Return k, the geometric mean of the two slopes, 1 if it may be near 1; None where nothing determines it."""
+    """Return k, the slope of force on the tach's acceleration, 1 if it may be near 1; None if nothing determines it."""
     assert recording.tach is not None
-    motion = averaged(recording.imu, recording.tach, _STEP_S)
-    if motion is None or motion.t_s.size * motion.step_s < 4.0 * _LONG_S or not motion.valid.any():
+    balance = force_balance(recording.imu, recording.tach)
+    slope = None if balance is None else forward_slope(balance, np.eye(3))
+    if slope is None or abs(slope.correlation) < _LEAST_CORRELATION:
         return None
-    acceleration, force = (
-        band_passed(values, motion.valid, motion.step_s, _SHORT_S, _LONG_S)
-        for values in (tach_acceleration(motion), motion.accel[:, 0])
-    )
-    if np.sqrt(np.mean(force**2)) < _LEAST_ACCELERATION or not acceleration.any():
-        return None
-    product = float(acceleration @ force)
-    if abs(product) < _LEAST_CORRELATION * np.linalg.norm(acceleration) * np.linalg.norm(force):
-        return None
-    small, large = product / float(acceleration @ acceleration), float(force @ force) / product
-    if product > 0.0 and small <= 1.0 + _RIGHT and large >= 1.0 / (1.0 + _RIGHT):
-        return 1.0  # a slope near 1 is not excluded: vibration and a tilted mounting raise the larger one
-    return float(np.sign(product) * np.sqrt(small * large))
+    may_be_right = slope.value > 0.0 and not slope.excludes(1.0 / (1.0 + _RIGHT), 1.0 + _RIGHT)
+    return 1.0 if may_be_right else slope.value
 
 
 def _late(clock_s: float, declared_s: float) -> Finding:

@@ -7,9 +7,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.ndimage import gaussian_filter1d
 
 from trackfg.checks.tach_correction import corrected_tach, force_per_acceleration
 from trackfg.datasets.scenarios import Simulation
+from trackfg.numerics.units import STANDARD_GRAVITY
 from trackfg.recording.description import Tach
 from trackfg.recording.model import Recording
 from trackfg.smoothing.smoother import smooth
@@ -60,6 +62,20 @@ def test_another_wheel_is_found_to_some_per_cent(run: Simulation) -> None:
     assert "another one than described" in correction.findings[0].message
     assert mended.description.tach is not None
     assert mended.description.tach.scale_sd == pytest.approx(0.05)
+
+
+def test_what_a_pitching_body_measures_of_gravity_is_no_factor(run: Simulation) -> None:
+    """A body whose nose rises by 2.6 mrad for each 0.1 m/s^2 of acceleration measures 1.26 times it."""
+    assert run.recording.tach is not None
+    imu, tach = run.recording.imu, run.recording.tach
+    t = imu["t_s"].to_numpy()
+    distance = gaussian_filter1d(np.interp(t, tach["t_s"], tach["distance_m"]), 0.5 / np.median(np.diff(t)))
+    nose_up = 0.026 * np.gradient(np.gradient(distance, t), t)
+    pitching = imu.assign(
+        fx_mps2=imu["fx_mps2"] + STANDARD_GRAVITY * nose_up,
+        wy_radps=imu["wy_radps"] - np.gradient(nose_up, t),
+    )
+    assert corrected_tach(replace(run.recording, imu=pitching))[1].factor == 1.0
 
 
 @pytest.mark.parametrize("late_s", [-0.7, 1.0])
