@@ -264,6 +264,20 @@ def test_the_end_of_a_counter_is_found_where_it_is_plain():
     np.testing.assert_array_equal(unwrapped(falling), falling)
 
 
+@pytest.mark.parametrize("turn", [360, 1250])
+def test_a_counter_of_each_turn_goes_on(turn):
+    speed = np.abs(np.sin(np.arange(20_000.0) / 3000.0)) * 9.0
+    true = np.floor(np.cumsum(speed))
+
+    np.testing.assert_allclose(np.diff(unwrapped(true % turn)), np.diff(true), atol=1.0)
+
+
+def test_a_counter_that_is_set_to_zero_does_not_start_again():
+    reset = np.concatenate([np.arange(0.0, 60_000.0, 7.0), np.arange(0.0, 30_000.0, 7.0)])
+
+    np.testing.assert_array_equal(unwrapped(reset), reset)
+
+
 @pytest.mark.parametrize("lowest", [0, -32768])
 @pytest.mark.parametrize("start", [40, -40, 65_000])
 def test_a_counter_that_runs_back_goes_on_at_both_ends_of_its_range(lowest, start):

@@ -119,6 +119,36 @@ def test_a_count_of_a_wheel_that_turns_back_is_signed_and_goes_on(
     np.testing.assert_allclose(np.diff(back.tach["distance_m"]), np.diff(distance), atol=1.1e-5)
 
 
+def test_a_count_of_16_bits_that_falls_is_a_wheel_s(drive: Drive, tmp_path: Path, imported: Import) -> None:
+    distance = np.cumsum(drive.speed) / 100.0
+    count = np.floor(distance / 1e-4).astype(int)
+    names = "time_s;" + ";".join(f"{sensor}_{a}" for sensor in ("gyro", "acc") for a in "xyz") + ";pulses"
+
+    def written(i: int) -> list[str]:
+        values = (f"{v:.9f}" for v in (*drive.gyro[i], *drive.accel[i]))
+        return [f"{drive.t[i]:.3f}", *values, f"{-count[i] % 65536}"]
+
+    path = _lines(tmp_path / "log.csv", names, *_rows(drive, written, ";"))
+    back = _recording(imported(path, tach_pulses_per_rev="1000", tach_wheel_diameter_m=str(0.1 / np.pi)))
+
+    assert back.tach is not None
+    np.testing.assert_allclose(np.diff(back.tach["distance_m"]), -np.diff(distance), atol=1.1e-4)
+
+
+def test_rows_of_one_pulse_each_are_counted(drive: Drive, tmp_path: Path, imported: Import) -> None:
+    _write_imu(drive, tmp_path)
+    distance = np.cumsum(drive.speed) / 100.0
+    moving = distance > 0.0
+    times = np.interp(np.arange(0.1, distance[-1], 0.1), distance[moving], drive.t[moving])
+    _lines(tmp_path / "wheel.csv", "time_s,pulse", *(f"{t:.6f},1" for t in times))
+
+    back = _recording(imported(tmp_path, tach_pulses_per_rev="10", tach_wheel_diameter_m=str(1.0 / np.pi)))
+
+    assert back.tach is not None
+    rolled = np.interp(back.tach["t_s"], drive.t, distance)
+    np.testing.assert_allclose(back.tach["distance_m"] - back.tach["distance_m"].iloc[0], rolled - rolled[0], atol=0.01)
+
+
 def test_the_way_of_each_row_is_one_however_smoothly_it_rises_and_falls(
     drive: Drive, tmp_path: Path, imported: Import
 ) -> None:

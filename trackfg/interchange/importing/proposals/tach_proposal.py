@@ -71,7 +71,11 @@ def _of_falls(proposal: Proposal, table: SourceTable, section: dict[str, Any]) -
     moved = steps[steps != 0.0]
     falls, turns = float((moved < 0.0).sum()), float((np.diff(np.sign(moved)) != 0.0).sum())
     in_turn = turns > _TURNS * moved.size
-    if falls > 0.25 * moved.size and finite.min() >= 0.0 and (in_turn or _can_be_of_each_row(table, section, going_on)):
+    if finite.size > 1 and (finite == 1.0).all():
+        proposal.reasons["tach.increments"] = f"{name} is 1 in all rows: one for each pulse"
+        return {"increments": True}
+    positive = finite.min() >= 0.0 and going_on.min() >= 0.0
+    if falls > 0.25 * moved.size and positive and (in_turn or _can_be_of_each_row(table, section, going_on)):
         proposal.reasons["tach.increments"] = f"{name} rises and falls, and is never negative"
         return {"increments": True}
     if falls > _FALLS * moved.size and not in_turn:
