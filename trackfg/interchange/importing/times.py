@@ -25,10 +25,16 @@ UNIT_S = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 
 _NS_PER = {"s": 1_000_000_000, "ms": 1_000_000, "us": 1_000, "ns": 1}
 
-_SPREADSHEET_EPOCH_DAYS = 25_569
-"""Days from 1899-12-30, which spreadsheets count from, to 1970-01-01."""
-_SPREADSHEET_DAYS = (2e4, 8e4)
-"""Numbers that are taken for such days where they grow by less than 10 s: 1954 to 2119."""
+_DAYS_TO_1970 = (25_569.0, 40_587.0, 719_529.0, 2_440_587.5)
+"""Days to 1970-01-01 from where spreadsheets (1899-12-30), modified Julian dates, MATLAB and Julian dates count. The
+first is meant from which the days are those of no date to come."""
+_DAYS_SINCE_1970 = (-5_500.0, 55_000.0)
+"""Numbers that are taken for days where they grow by less than 10 s: 1954 to 2120."""
+_TICK_100_NS = 1e-7
+_TICKS_TO_1970 = (116_444_736_000_000_000, 621_355_968_000_000_000)
+"""Ticks of 100 ns to 1970-01-01 from 1601 and from the year 1, which Windows and .NET count from."""
+_LABVIEW_S = 2_082_844_800
+"""Seconds from 1904-01-01, which LabVIEW counts from, to 1970-01-01."""
 _EPOCH_S = (0.9e9, 4.0e9)
 """Numbers of seconds that are taken for a Unix time: 1998 to 2096."""
 
@@ -52,6 +58,10 @@ _DATE_FORMATS = (
     "%Y%m%d_%H%M%S.%f",
     "%m/%d/%Y %H:%M:%S.%f",
     "%m/%d/%Y %H:%M:%S",
+    "%d-%b-%Y %H:%M:%S.%f",
+    "%d-%b-%Y %H:%M:%S",
+    "%Y-%jT%H:%M:%S.%f",
+    "%Y:%j:%H:%M:%S.%f",
     "%d-%m-%Y %H:%M:%S.%f",
     "%d-%m-%Y %H:%M:%S",
     "%m-%d-%Y %H:%M:%S.%f",
@@ -93,8 +103,9 @@ class TimeNotation:
     """How a source writes its times.
 
     ``unit`` is one of ``s, ms, us, ns`` for numbers, which are Unix times where they are as large as those; ``"gps"``
-    for seconds since the GPS epoch; ``"days"`` for those of spreadsheets, since 1899-12-30; ``"hhmmss"`` for a time of
-    day in one number, as receivers write it; ``"ticks"`` for a counter of ``tick_s`` that starts again at ``wraps_at``.
+    for seconds since the GPS epoch; ``"days"`` for those of spreadsheets, of MATLAB or Julian dates; ``"hhmmss"`` for a
+    time of day in one number, as receivers write it; ``"ticks"`` for a counter of ``tick_s`` that starts again at
+    ``wraps_at``, or for dates as large as those of Windows and .NET.
     ``format`` is a ``strptime`` format for text, or None to find it out. ``zone`` is where times without one were
     written.
     """
@@ -217,7 +228,8 @@ def guessed_unit(values: Array) -> str:
     if step.size == 0:
         return "s"
     typical = float(np.median(step))
-    if _SPREADSHEET_DAYS[0] <= largest <= _SPREADSHEET_DAYS[1] and typical * _DAY_S < 10.0:
+    since_1970 = [largest - zero for zero in _DAYS_TO_1970]
+    if typical * _DAY_S < 10.0 and any(_DAYS_SINCE_1970[0] <= day <= _DAYS_SINCE_1970[1] for day in since_1970):
         return "days"
     # A logger writes at 0.5 Hz to 20 kHz: its step in s is below 2, in ms above, and so on.
     return "s" if typical < 2.0 else "ms" if typical < 2e3 else "us" if typical < 2e6 else "ns"
@@ -237,6 +249,26 @@ def are_clock_digits(values: Array, name: str) -> bool:
     return bool(minutes.any()) or (bool(re.search(r"utc|hhmmss", name.casefold())) and bool(values.min() >= 100.0))
 
 
+def are_gps_seconds(values: Array) -> bool:
+    """Return whether numbers (n,), s, are as large as Unix times and, since the GPS epoch, those of no date to come."""
+    latest = float(values.max(initial=0.0))
+    return latest >= _EPOCH_S[0] and int(gps_ns(np.array([latest]))[0]) <= _tomorrow_ns()
+
+
+def tick_of_dates(values: Array) -> float | None:
+    """Return the tick of numbers (n,) that are as large as dates of Windows or .NET, s; None where they are not."""
+    return _TICK_100_NS if _ticks_to_1970(values) is not None else None
+
+
+def _ticks_to_1970(values: Array) -> int | None:
+    latest = float(values.max(initial=0.0))
+    return next((zero for zero in _TICKS_TO_1970 if _EPOCH_S[0] <= (latest - zero) * 1e-7 <= _EPOCH_S[1]), None)
+
+
+def _tomorrow_ns() -> int:
+    return as_ns(datetime.now(UTC)) + _DAY_NS
+
+
 def _numeric(values: Array, series: pd.Series, notation: TimeNotation, label: str, first_row: int) -> Times:
     if empty := _first(~np.isfinite(values)):
         raise BadInputError(f"{label}, row {first_row + empty - 1}: is empty; expected a time")
@@ -244,18 +276,27 @@ def _numeric(values: Array, series: pd.Series, notation: TimeNotation, label: st
     if unit == "ticks":
         if notation.tick_s is None:
             raise BadInputError(f"{label}: a counter of ticks needs tick_s, the time of one tick in s")
+        to_1970 = _ticks_to_1970(values) if notation.tick_s == _TICK_100_NS else None
+        if to_1970 is not None:
+            return Times((series.to_numpy(dtype=np.int64) - to_1970) * 100, None)
         return Times(None, unwrapped(values, notation.wraps_at) * notation.tick_s)
     if unit == "gps":
         return Times(gps_ns(values), None)
     if unit == "days":
-        days = np.floor(values)
-        ns = (days.astype(np.int64) - _SPREADSHEET_EPOCH_DAYS) * _DAY_NS
-        return Times(_as_utc(ns + np.round((values - days) * _DAY_NS).astype(np.int64), notation.zone, label), None)
+        known = (values - zero for zero in _DAYS_TO_1970 if 0.0 <= values[-1] - zero <= _tomorrow_ns() / _DAY_NS)
+        since_1970 = next(known, values - _DAYS_TO_1970[0])
+        days = np.floor(since_1970)
+        ns = days.astype(np.int64) * _DAY_NS + np.round((since_1970 - days) * _DAY_NS).astype(np.int64)
+        return Times(_as_utc(ns, notation.zone, label), None)
     if unit == "hhmmss":
         return _of_the_day(clock_ns(values), notation.zone, label)
     on_calendar = _EPOCH_S[0] <= float(np.median(values)) * UNIT_S[unit] <= _EPOCH_S[1]
     if not on_calendar:
-        return Times(None, _going_on(values, pd.api.types.is_integer_dtype(series), unit) * UNIT_S[unit])
+        return Times(None, _going_on(values, unit) * UNIT_S[unit])
+    if unit == "s" and values[-1] * 1e9 > _tomorrow_ns() and values[-1] > _LABVIEW_S:
+        note = f"{label}: {values[0]:.0f} s, to come as a Unix time, is taken for a time since 1904, as of LabVIEW"
+        read = _numeric(values - _LABVIEW_S, series - _LABVIEW_S, notation, label, first_row)
+        return replace(read, notes=(note,))
     if pd.api.types.is_integer_dtype(series):
         return Times(series.to_numpy(dtype=np.int64) * _NS_PER[unit], None)
     whole = np.floor(values)
@@ -264,7 +305,7 @@ def _numeric(values: Array, series: pd.Series, notation: TimeNotation, label: st
     )
 
 
-def _going_on(values: Array, whole: bool, unit: str) -> Array:
+def _going_on(values: Array, unit: str) -> Array:
     """Return times (n,) in ``unit`` that go on where a counter, the week or the day starts again."""
     falls = np.flatnonzero(np.diff(values) < 0)
     if falls.size == 0:
@@ -273,7 +314,7 @@ def _going_on(values: Array, whole: bool, unit: str) -> Array:
     for period in (seconds / UNIT_S[unit] for seconds in _PERIODS_S):
         if (np.abs(values[falls] - values[falls + 1] - period) < 10.0 * usual).all():
             return unwrapped(values, period)
-    return unwrapped(values) if whole else values
+    return unwrapped(values) if (values == np.floor(values)).all() else values
 
 
 def clock_ns(values: Array) -> np.ndarray:

@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 from trackfg.errors import BadInputError
 from trackfg.interchange.importing.columns.column_meaning import has_gravity, triples
 from trackfg.interchange.importing.columns.column_names import meaning, parts_of
+from trackfg.interchange.importing.columns.time_columns import time_unit
 from trackfg.interchange.importing.columns.written_units import Quantity, factor_of, unit_in
 from trackfg.interchange.importing.conversion import Imported
 from trackfg.interchange.importing.sample_stamps import spread_stamps
@@ -223,6 +224,39 @@ def test_a_format_that_is_stated_is_not_doubted():
 
     assert times.ns[0] == pd.Timestamp("2026-05-04T12:58:00Z").value
     assert not times.notes
+
+
+@pytest.mark.parametrize(
+    ("name", "count"),
+    [
+        ("FILETIME", 134_220_787_200_000_000 + 50_000 * np.arange(3)),
+        ("Ticks", 639_132_019_200_000_000 + 50_000 * np.arange(3)),
+        ("Ticks [s]", 639_132_019_200_000_000 + 50_000 * np.arange(3)),
+        ("gps_time [s]", 1_461_640_338.0 + 0.005 * np.arange(3)),
+        ("Time", 3_860_449_920.0 + 0.005 * np.arange(3)),
+        ("MJD", 61_161.0 + 0.4 / 3.0 + 0.005 / 86_400.0 * np.arange(3)),
+        ("datenum", 740_103.0 + 0.4 / 3.0 + 0.005 / 86_400.0 * np.arange(3)),
+        ("JD", 2_461_161.5 + 0.4 / 3.0 + 0.005 / 86_400.0 * np.arange(3)),
+        ("Time", ["01-May-2026 03:12:00.000", "01-May-2026 03:12:00.005", "01-May-2026 03:12:00.010"]),
+        ("Time", ["2026:121:03:12:00.000", "2026:121:03:12:00.005", "2026:121:03:12:00.010"]),
+    ],
+)
+def test_times_count_from_where_their_size_or_their_name_says(name, count):
+    table = SourceTable("log.csv", pd.DataFrame({name: count}))
+    unit = time_unit(table, (name,))
+
+    times = read_times(table, (name,), TimeNotation(unit.get("time_unit"), tick_s=unit.get("tick_s")))
+
+    since = (times.ns - pd.Timestamp("2026-05-01T03:12:00Z").value) / 1e9
+    np.testing.assert_allclose(since, [0.0, 0.005, 0.010], atol=5e-5)
+
+
+def test_a_unix_time_of_a_receiver_and_a_counter_of_whole_floats_are_what_they_were():
+    unix = SourceTable("log.csv", pd.DataFrame({"gps_time": 1_777_605_120.0 + np.arange(3)}))
+
+    assert time_unit(unix, ("gps_time",)) == {"time_unit": "s"}
+    wrapped = (2.0**32 - 10_000.0 + 5_000.0 * np.arange(4)) % 2**32
+    np.testing.assert_allclose(np.diff(_times(list(wrapped), unit="us")), 0.005)
 
 
 def test_gps_time_is_18_s_ahead_of_utc():

@@ -13,7 +13,14 @@ from trackfg.interchange.importing.columns.calendar_columns import COMPOSED
 from trackfg.interchange.importing.columns.column_names import meaning, parts_of
 from trackfg.interchange.importing.columns.written_units import factor_of
 from trackfg.interchange.importing.source_table import ROW_NUMBER, SourceTable
-from trackfg.interchange.importing.times import are_clock_digits, are_dates, guessed_unit, states_zone
+from trackfg.interchange.importing.times import (
+    are_clock_digits,
+    are_dates,
+    are_gps_seconds,
+    guessed_unit,
+    states_zone,
+    tick_of_dates,
+)
 
 _TIME_UNITS = {1.0: "s", 1e-3: "ms", 1e-6: "us", 1e-9: "ns"}
 _COUNTER = re.compile(r"^(sample|packet|frame|msg|message|seq(uence)?|row|index|idx|nr|no|n|#|record|line|counter|cnt)"
@@ -22,6 +29,8 @@ _COUNTER = re.compile(r"^(sample|packet|frame|msg|message|seq(uence)?|row|index|
 _TICKS_S = {"sampletimefine": (1e-4, 1e-6)}
 """Counters whose tick is known, s: Xsens counts 100 us (MT Low-Level Communication Protocol, XDI_SampleTimeFine), or
 1 us in a DOT."""
+_GPS = re.compile(r"gps(?!.*(unix|utc|epoch|posix))", re.IGNORECASE)
+"""The name of a time that may count from the epoch of GPS."""
 _RATE = re.compile(
     r"(?:(?:sampl\w*|update|output|data|abtast\w*|mess\w*|log\w*)[\s_-]*(?:rate|freq\w*|frequenz)?|fs|freq\w*)"
     r"[^\d\n]{0,12}?(\d+(?:[.,]\d+)?)\s*(k?)(?:hz|sps|s/s|samples)",
@@ -135,11 +144,14 @@ def time_unit(
     if (ticks := _TICKS_S.get(name.casefold())) is not None:
         step, (_, slowest_s) = float(np.median(np.diff(table.numbers(name)))), CheckLimits().imu_interval_s
         return {"time_unit": "ticks", "tick_s": next((tick for tick in ticks if step * tick <= slowest_s), ticks[-1])}
-    stated = table.units.get(name) or parts_of(name).unit
+    stated, values = table.units.get(name) or parts_of(name).unit, table.numbers(name)
     factor = factor_of(stated, "time")
+    if factor in (None, 1.0) and _GPS.search(name) and are_gps_seconds(values):
+        return {"time_unit": "gps"}
+    if (tick := tick_of_dates(values)) is not None:
+        return {"time_unit": "ticks", "tick_s": tick}
     if factor in _TIME_UNITS:
         return {"time_unit": _TIME_UNITS[factor]}
-    values = table.numbers(name)
     if factor is not None:
         return {"time_unit": "ticks", "tick_s": factor}
     if stated.casefold().replace(".", "").startswith("hhmmss") or are_clock_digits(values, name):

@@ -101,7 +101,10 @@ class Proposal:
     def _new_times(self, table: SourceTable, ask: Ask | None, beside: tuple[SourceTable, str] | None) -> dict[str, Any]:
         columns = time_columns(table)
         if columns is not None:
-            return {"time": columns[0] if len(columns) == 1 else list(columns), **time_unit(table, columns, beside)}
+            unit = time_unit(table, columns, beside)
+            if unit.get("time_unit") == "gps":
+                self.reasons["imu.time_unit"] = f"{columns[0]} is named after GPS: seconds since 1980-01-06, not 1970"
+            return {"time": columns[0] if len(columns) == 1 else list(columns), **unit}
         if ask is None:
             raise BadInputError(
                 f"{table.name}: no column of times found among {', '.join(table.columns[:30])}; expected one. Hint: "

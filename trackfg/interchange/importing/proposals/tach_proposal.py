@@ -14,7 +14,7 @@ from trackfg.errors import BadInputError
 from trackfg.interchange.importing.columns.column_meaning import has_axes_beside, kind_in, stem_of
 from trackfg.interchange.importing.columns.column_names import parts_of
 from trackfg.interchange.importing.columns.plan_columns import plan_columns
-from trackfg.interchange.importing.columns.time_columns import is_sample_counter
+from trackfg.interchange.importing.columns.time_columns import is_sample_counter, time_columns
 from trackfg.interchange.importing.columns.written_units import factor_of, unit_in
 from trackfg.interchange.importing.proposals.questions import Ask, Proposal, Question, asked_number, asked_unit
 from trackfg.interchange.importing.source_table import SourceTable
@@ -37,7 +37,9 @@ def propose_tach(proposal: Proposal, tables: Sequence[SourceTable], ask: Ask) ->
     imu = proposal.sections["imu"]["file"]
     for kind in ("count", "distance", "speed"):
         for table in tables:
+            times = time_columns(table) or ()
             names = [name for name in table.columns if kind_in(table, name) == kind and _is_scalar(table, name)]
+            names = [name for name in names if name not in times]
             name = next((name for name in names if _WHEEL.search(name.casefold())), next(iter(names), None))
             if name is None or (kind != "count" and not _is_wheels(table, name, imu, ask)):
                 continue
