@@ -36,6 +36,7 @@ from trackfg.output.trajectory import trajectory_columns
 from trackfg.recording.description import RecordingDescription
 from trackfg.results.columns import GEOMETRY_COLUMNS, TRAJECTORY_COLUMNS
 from trackfg.results.events import Event
+from trackfg.sensors.imu_noise import WhiteNoise
 from trackfg.smoothing.localisation import MapChainage
 from trackfg.solver.square_root import SquareRoot
 from trackfg.streaming.checkpoint.snapshot import Snapshot, dump, load_attributes
@@ -253,9 +254,9 @@ class FixedLagSmoother:
         covariance = update.covariance.with_added_distance_variance(self._moving.votes.doubt_m**2)
         if self._chainage is not None:
             covariance = self._chainage.with_uncertainty(covariance, two, buffer.description.track.direction)
-        # Of the samples of this interval alone: those of the whole buffer depend on how rows came in.
-        running, t = self._running, window.t[-2:]
-        run = running.context.run_of(t, buffer.intervals(*t.tolist()), running.noise)
+        t, noise = window.t[-2:], window.measured[-1].noise
+        assumed = WhiteNoise(noise.gyro[None], noise.accel[None])
+        run = self._running.context.run_of(t, buffer.intervals(*t.tolist()), assumed)
         at = np.array([window.t[-1]])
         rate = buffer.mean_rate(at[0]) - two.bias[-1:, 3:]
         over, interval, end = np.array([RATE_WINDOW_S]), np.zeros(1, dtype=np.int64), np.ones(1)

@@ -167,7 +167,8 @@ class SmoothedTables:
 
     def _smoothed_run(self, buffer: SampleBuffer, inputs: TableInput) -> _SmoothedRun:
         t, states, root = self.history.joined_with(inputs.window, inputs.root)
-        run = self.context.run_of(t, buffer.inertial, inputs.noise)
+        data = buffer.inertial
+        run = self.context.run_of(t, data, self.context.noise_of(t, data, inputs.noise))
         covariance = posterior_covariance(root).with_added_distance_variance(inputs.doubt_m**2)
         if inputs.chainage is not None:
             covariance = inputs.chainage.with_uncertainty(covariance, states, run.direction)

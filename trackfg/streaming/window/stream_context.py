@@ -37,17 +37,21 @@ class StreamContext:
         """What the geometry's columns mean."""
         return geometry_conventions(self.config.geometry, self.description.track)
 
-    def run_of(self, t: Array, data: Intervals, noise: NoiseRecord) -> RunContext:
-        """Return the context of keyframes at ``t`` (n,), on edges of the inertial ``data``, with the recorded noise."""
+    def noise_of(self, t: Array, data: Intervals, noise: NoiseRecord) -> WhiteNoise:
+        """Return the noise of the inertial ``data`` between keyframes at ``t`` (n,), with the recorded levels."""
         levels = noise.at(t[:-1])
         assumed = noise_seen(data, t, *declared_noise(self.description, self.config), noise.shown)
+        return WhiteNoise(assumed.gyro * levels[:, :1], assumed.accel * levels[:, 1:])
+
+    def run_of(self, t: Array, data: Intervals, noise: WhiteNoise) -> RunContext:
+        """Return the context of keyframes at ``t`` (n,), on edges of the inertial ``data`` with this noise."""
         return RunContext(
             t=t,
             edges=np.searchsorted(data.edges, t - 1e-9),
             inertial=data,
             world=self.world,
             lever_arm=self.lever_arm,
-            noise=WhiteNoise(assumed.gyro * levels[:, :1], assumed.accel * levels[:, 1:]),
+            noise=noise,
             mount_roll_sd=float(np.radians(self.description.imu.mount_roll_sd_deg)),
             direction=self.description.track.direction,
             conventions=self.conventions,
