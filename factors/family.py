@@ -139,6 +139,10 @@ class Family(Outlined):
         family._check_sigma()
         return family
 
+    def with_loss(self, loss: Loss | None) -> Family:
+        """Return the family with another robust loss."""
+        return self._with(loss=loss)
+
     def tail_of_chain(self, last: np.ndarray | slice, states: States) -> Family:
         """Return the ``last`` of the factors; a chained loss goes on from the states of those before."""
         rest = self.take(last)

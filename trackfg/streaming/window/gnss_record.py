@@ -226,7 +226,7 @@ class GnssRecord:
         return row, np.abs(self.t[row] - t) <= _SAME_S
 
     def _weighed(self, family: Family, sigma: Array, width: float) -> Family:
-        return family if family.loss is None else replace(family, sigma=sigma, loss=Huber(width / self.lasting))
+        return family if family.loss is None else family.with_sigma(sigma).with_loss(Huber(width / self.lasting))
 
 
 def _times(family: Family, t: Array) -> Array:

@@ -7,6 +7,7 @@ until the next sample bounds its interval. How rows were grouped on their way ma
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from functools import cache
 
 import numpy as np
 import pandas as pd
@@ -262,7 +263,13 @@ class SampleBuffer:
     @staticmethod
     def _frame(name: str, table: Array, begin: float, end: float) -> pd.DataFrame | None:
         rows = _between(table, begin, end)
-        return pd.DataFrame(rows, columns=list(canonical_columns(name))) if len(rows) else None
+        return pd.DataFrame(rows, columns=_columns(name)) if len(rows) else None
+
+
+@cache
+def _columns(table: str) -> pd.Index:
+    """Return the columns of a table, which pandas takes longer to make than to use."""
+    return pd.Index(canonical_columns(table))
 
 
 def _first(table: Array, since: float) -> int:
