@@ -84,6 +84,7 @@ inline PyObject *refused(const char *what) {
 }
 
 PyObject *eliminate(PyObject *, PyObject *arguments);
+PyObject *eliminate_pair(PyObject *, PyObject *arguments);
 PyObject *triangle(PyObject *, PyObject *arguments);
 PyObject *back_substitute(PyObject *, PyObject *arguments);
 PyObject *forward_substitute(PyObject *, PyObject *arguments);

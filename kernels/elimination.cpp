@@ -247,3 +247,47 @@ PyObject *triangle(PyObject *, PyObject *arguments) {
         std::copy(A.row(i) + i, A.row(i) + columns, out.data() + i * columns + i);
     Py_RETURN_NONE;
 }
+
+// eliminate_pair(rows (m, n), indeterminate, R (2, K, K), S (2, K, n - 1 - K), d (2, K), R_shared (s, s), d_shared (s),
+// marginal (n - 1 - K, n - K)): the square root of the information in rows [A b] of two keyframes and the shared variables,
+// with a positive diagonal, and what the first keyframe leaves for the others. Returns whether the rows determine all.
+PyObject *eliminate_pair(PyObject *, PyObject *arguments) {
+    PyObject *py[7];
+    double indeterminate;
+    if (!PyArg_ParseTuple(arguments, "OdOOOOOO", &py[0], &indeterminate, &py[1], &py[2], &py[3], &py[4], &py[5], &py[6]))
+        return nullptr;
+    const Doubles given(py[0], 2), R(py[1], 3, true), S(py[2], 3, true), d(py[3], 2, true), R_shared(py[4], 2, true),
+        d_shared(py[5], 1, true), marginal(py[6], 2, true);
+    if (!given.ok() || !R.ok() || !S.ok() || !d.ok() || !R_shared.ok() || !d_shared.ok() || !marginal.ok()) return nullptr;
+    const std::ptrdiff_t K = R.size(1), shared = d_shared.size(0), n = 2 * K + shared, behind = n - K;
+    if (given.size(1) != n + 1 || R.size(0) != 2 || R.size(2) != K || S.size(0) != 2 || S.size(1) != K ||
+        S.size(2) != behind || d.size(0) != 2 || d.size(1) != K || R_shared.size(0) != shared ||
+        R_shared.size(1) != shared || marginal.size(0) != behind || marginal.size(1) != behind + 1)
+        return refused("rows of a pair");
+    const std::ptrdiff_t count = given.size(0);
+    if (count < n) Py_RETURN_FALSE;
+    Rows A;
+    Workspace work;
+    A.shape(count, n + 1);
+    for (std::ptrdiff_t i = 0; i < count; ++i) std::copy_n(given.data() + i * (n + 1), n + 1, A.row(i));
+    triangularise(A, count, n, work);
+    for (const Doubles *out : {&R, &S, &R_shared, &marginal}) std::fill_n(out->data(), out->total(), 0.0);
+    for (std::ptrdiff_t i = 0; i < n; ++i) {
+        double *row = A.row(i), length = 0.0;
+        for (std::ptrdiff_t j = 0; j <= i; ++j) length += A.row(j)[i] * A.row(j)[i];
+        if (!(std::abs(row[i]) > indeterminate * std::sqrt(length))) Py_RETURN_FALSE;
+        if (row[i] < 0.0)
+            for (std::ptrdiff_t j = i; j <= n; ++j) row[j] = -row[j];
+        if (i >= K) std::copy(row + i, row + n + 1, marginal.data() + (i - K) * (behind + 1) + i - K);
+        if (i >= 2 * K) {
+            std::copy(row + i, row + n, R_shared.data() + (i - 2 * K) * shared + i - 2 * K);
+            d_shared.data()[i - 2 * K] = row[n];
+            continue;
+        }
+        const std::ptrdiff_t end = i < K ? K : 2 * K;  // of the own keyframe's columns
+        std::copy(row + i, row + end, R.data() + i * K + i % K);
+        std::copy(row + end, row + n, S.data() + i * behind + end - K);
+        d.data()[i] = row[n];
+    }
+    Py_RETURN_TRUE;
+}

@@ -3,6 +3,7 @@
 
 static PyMethodDef methods[] = {
     {"eliminate", eliminate, METH_VARARGS, "Eliminate some keyframes of a chain by QR."},
+    {"eliminate_pair", eliminate_pair, METH_VARARGS, "Eliminate two keyframes by QR."},
     {"triangle", triangle, METH_VARARGS, "Factorise some rows by QR."},
     {"back_substitute", back_substitute, METH_VARARGS, "Solve for all keyframes of a chain, from its conditionals."},
     {"forward_substitute", forward_substitute, METH_VARARGS, "Solve the transposed system of a chain."},
@@ -40,7 +41,7 @@ static PyModuleDef definition = {
 PyMODINIT_FUNC PyInit_compiled() {
     PyObject *module = PyModule_Create(&definition);
     // Raised by one whenever a function's arguments change, so that a build of older sources is not called.
-    if (module != nullptr && (PyModule_AddIntConstant(module, "REVISION", 15) != 0 ||
+    if (module != nullptr && (PyModule_AddIntConstant(module, "REVISION", 16) != 0 ||
                               PyModule_AddIntConstant(module, "DELTA_SIZE", DELTA_SIZE) != 0)) {
         Py_DECREF(module);
         return nullptr;

@@ -21,6 +21,17 @@ def eliminate(
     /,
     *families: np.ndarray,
 ) -> tuple[int, int] | None: ...
+def eliminate_pair(
+    rows: Array,
+    indeterminate: float,
+    R: Array,
+    S: Array,
+    d: Array,
+    R_shared: Array,
+    d_shared: Array,
+    marginal: Array,
+    /,
+) -> bool: ...
 def back_substitute(
     R: Array, S: Array, beyond: Array, ahead: np.ndarray, nav: tuple[int, int], shared: Array, x: Array, /
 ) -> None: ...

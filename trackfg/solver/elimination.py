@@ -134,20 +134,39 @@ def eliminate_pair(rows: Array) -> tuple[SquareRoot, Array]:
 
     The marginal are rows [A b]; both come from one dense QR.
     """
-    variables, dim = rows.shape[1] - 1, KEYFRAME_DIM
+    pair = _pair_compiled if compiled_kernels() else _pair_by_lapack
+    return pair(rows, rows.shape[1] - 1 - _PAIR)
+
+
+def _pair_compiled(rows: Array, shared: int) -> tuple[SquareRoot, Array]:
+    """Do as :func:`_pair_by_lapack`, in ``kernels/elimination.cpp``."""
+    from trackfg.numerics import compiled
+
+    dim, behind = KEYFRAME_DIM, KEYFRAME_DIM + shared
+    R, S, d = np.empty((2, dim, dim)), np.empty((2, dim, behind)), np.empty((2, dim))
+    R_shared, d_shared, marginal = np.empty((shared, shared)), np.empty(shared), np.empty((behind, behind + 1))
+    parts = R, S, d, R_shared, d_shared
+    if not compiled.eliminate_pair(kernel_argument(rows), _INDETERMINATE, *parts, marginal):
+        raise UnsolvableError(_UNDETERMINED)
+    return SquareRoot(*parts, np.zeros(2, dtype=np.int64)), marginal
+
+
+def _pair_by_lapack(rows: Array, shared: int) -> tuple[SquareRoot, Array]:
+    """Do as :func:`eliminate_pair`; ``shared``: how many variables the run shares."""
+    variables, dim = _PAIR + shared, KEYFRAME_DIM
     R = compressed(rows)[:variables]
     if len(R) < variables:
         raise UnsolvableError(_UNDETERMINED)
     R = R * _positive(R[:, :-1])[1][:, None]
-    first, second, shared = slice(0, dim), slice(dim, _PAIR), slice(_PAIR, variables)
-    S = np.zeros((2, dim, variables - dim))
+    first, second, last = slice(0, dim), slice(dim, _PAIR), slice(_PAIR, variables)
+    S = np.zeros((2, dim, dim + shared))
     S[0], S[1, :, dim:] = R[first, dim:-1], R[second, _PAIR:-1]
     root = SquareRoot(
         np.array([R[first, first], R[second, second]]),
         S,
         R[:_PAIR, -1].reshape(2, dim),
-        R[shared, shared],
-        R[shared, -1],
+        R[last, last],
+        R[last, -1],
         np.zeros(2, dtype=np.int64),
     )
     return root, R[dim:, dim:]

@@ -175,9 +175,8 @@ def test_square_root_is_that_of_the_dense_system(solved: Solved) -> None:
     assert (np.diagonal(solved.root.R_shared) > 0).all()
 
 
-def test_kernels_eliminate_as_lapack_does(solved: Solved, with_both: WithBoth) -> None:
+def assert_same_root(compiled: SquareRoot, lapack: SquareRoot) -> None:
     """Rows of the root are held against their length; the whitened step, in posterior sigmas, against its own."""
-    compiled, lapack = with_both(lambda: eliminate(solved.factors, solved.keyframes))
     for name in ("R", "S", "R_shared"):
         ours, theirs = getattr(compiled, name), getattr(lapack, name)
         scale = np.linalg.norm(lapack.R if name == "S" else theirs, axis=-1, keepdims=True)
@@ -185,6 +184,11 @@ def test_kernels_eliminate_as_lapack_does(solved: Solved, with_both: WithBoth) -
     for name in ("d", "d_shared"):
         ours, theirs = getattr(compiled, name), getattr(lapack, name)
         np.testing.assert_allclose(ours, theirs, atol=1e-8 * max(1.0, lapack.length))
+
+
+def test_kernels_eliminate_as_lapack_does(solved: Solved, with_both: WithBoth) -> None:
+    compiled, lapack = with_both(lambda: eliminate(solved.factors, solved.keyframes))
+    assert_same_root(compiled, lapack)
     assert (compiled.ahead == lapack.ahead).all()
 
 
@@ -198,6 +202,17 @@ def test_kernels_leave_the_same_marginals(simulated: Callable[..., Simulation], 
         ours, theirs = (rows[count].T @ rows[count] for rows in (compiled, lapack))
         scale = np.maximum(np.sqrt(np.diag(theirs)), 1.0)
         np.testing.assert_allclose(ours / np.outer(scale, scale), theirs / np.outer(scale, scale), atol=1e-9)
+
+
+def test_kernels_eliminate_a_pair_as_lapack_does(simulated: Callable[..., Simulation], with_both: WithBoth) -> None:
+    problem = problem_of(simulated("mainline-gnss", seed=2, duration_s=45.0).recording)
+    inertial = linearize_imu_factors(problem.native, problem.initial.to_gtsam())
+    every = [inertial, *(family.linearize(problem.initial) for family in problem.families)]
+    rows = stacked_pair([one.take(last_keyframe(one.slots, len(one.rows)) <= 1) for one in every])
+    (ours, our_marginal), (theirs, their_marginal) = with_both(lambda: eliminate_pair(rows))
+    assert_same_root(ours, theirs)
+    scale = np.linalg.norm(their_marginal, axis=1, keepdims=True)
+    np.testing.assert_allclose(our_marginal / scale, their_marginal / scale, atol=1e-8)
 
 
 def test_kernels_recur_as_numpy_does(solved: Solved, with_both: WithBoth) -> None:
