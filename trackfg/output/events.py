@@ -13,7 +13,7 @@ from trackfg.factors.states import Kind, States
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.spans import true_runs
 from trackfg.output.event_sources import EventSources
-from trackfg.output.slip_events import slip_events
+from trackfg.output.slip_events import Excess, slip_events, wheel_excess
 from trackfg.results.columns import EVENT_COLUMNS
 from trackfg.results.events import Event, events_frame
 from trackfg.solver.covariance import Covariance
@@ -57,13 +57,13 @@ def event_table(
 
     Its columns are :data:`trackfg.results.columns.EVENT_COLUMNS`.
     """
-    rows = [*events(sources, states, covariance, trajectory), *further]
+    rows = [*events(sources, states, covariance, wheel_excess(sources, states, trajectory)), *further]
     table = events_frame(sorted(rows, key=lambda event: event.span_s[0]))
     return table.rename(columns={"t_s": "start_s", "until_s": "end_s"})[list(EVENT_COLUMNS)]
 
 
-def events(sources: EventSources, states: States, covariance: Covariance, trajectory: pd.DataFrame) -> list[Event]:
-    """Return the events in order of their start; slips and slides over the span of the trajectory."""
+def events(sources: EventSources, states: States, covariance: Covariance, excess: Excess | None) -> list[Event]:
+    """Return the events in order of their start; slips and slides over the span of the wheel's ``excess``."""
     sd = np.sqrt(covariance.of(Kind.ODO)[:, 0, 0])
 
     def row(kind: str, start: float, end: float, detail: str = "", removed: Sequence[float] = ()) -> Event:
@@ -76,7 +76,7 @@ def events(sources: EventSources, states: States, covariance: Covariance, trajec
     rows += [row("imu gap", start, end, "bridged with interpolated samples") for start, end in sources.gaps]
     if sources.wheel is not None:
         rows += [row("tach gap", start, end) for start, end in sources.wheel.gaps]
-    for event in slip_events(sources, states, covariance, trajectory):
+    for event in slip_events(sources, states, covariance, excess):
         removed = (event.removed_m, event.removed_m_sd)
         rows.append(row("slip" if removed[0] > 0 else "slide", event.start_s, event.end_s, removed=removed))
     for kind in POSITIONS:

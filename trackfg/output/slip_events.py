@@ -11,6 +11,7 @@ creep reaches 2 % in it and its whole distance leaves the noise. Spans that only
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -86,29 +87,32 @@ class Excess(NamedTuple):
         return float(self.t[max(min([last, *starts]), 0)])
 
 
-def wheel_excess(sources: EventSources, states: States, trajectory: pd.DataFrame) -> Excess | None:
-    """Return E over the span of a trajectory; None without a tach, and for a span too short for a rate."""
+def wheel_excess(
+    sources: EventSources, states: States, trajectory: pd.DataFrame | Mapping[str, Array]
+) -> Excess | None:
+    """Return E over the span of a trajectory, of which the columns of time, chainage and speed are needed; None without
+    a tach, and for a span too short for a rate.
+    """
     wheel, rolled = sources.wheel, sources.family(FactorType.TACH_DISTANCE)
-    at = trajectory["t_s"].to_numpy()
+    at, chainage, speed, speed_sd = (
+        np.asarray(trajectory[name]) for name in ("t_s", "chainage_m", "speed_mps", "speed_mps_sd")
+    )
     if wheel is None or rolled is None or len(at) < 2:
         return None
-    t, chainage = np.arange(at[0], at[-1], _STEP_S), sources.direction * trajectory["chainage_m"].to_numpy()
-    distance = hermite_at(t, at, chainage, trajectory["speed_mps"].to_numpy())
+    t = np.arange(at[0], at[-1], _STEP_S)
+    distance = hermite_at(t, at, sources.direction * chainage, speed)
     excess = _excess(wheel, sources, states, t, distance)
     explained = np.concatenate([[0.0], np.cumsum(rolled.data["response"] @ states.wheel[0])])
     rate = _rate(t, excess - np.interp(t, sources.t, explained))
     known = wheel.covers(t - 0.5 * _WINDOW_S) & wheel.covers(t + 0.5 * _WINDOW_S)
     count_sd = _count_sd(wheel, _noise_density(wheel, rolled, sources.t), _WINDOW_S)
-    noise = np.hypot(count_sd / _WINDOW_S, np.interp(t, at, trajectory["speed_mps_sd"]))
+    noise = np.hypot(count_sd / _WINDOW_S, np.interp(t, at, speed_sd))
     return Excess(t, excess, rate, np.abs(_rate(t, distance)), noise, known)
 
 
-def slip_events(
-    sources: EventSources, states: States, covariance: Covariance, trajectory: pd.DataFrame
-) -> list[SlipEvent]:
-    """Return slips and slides in order of time; none without a tach."""
+def slip_events(sources: EventSources, states: States, covariance: Covariance, grown: Excess | None) -> list[SlipEvent]:
+    """Return slips and slides in order of time, from what the wheel's excess has ``grown``; none without a tach."""
     wheel, rolled = sources.wheel, sources.family(FactorType.TACH_DISTANCE)
-    grown = wheel_excess(sources, states, trajectory)
     if wheel is None or rolled is None or grown is None:
         return []
     t, excess, rate, speed = grown.t, grown.excess, grown.rate, grown.speed

@@ -172,9 +172,11 @@ class _Columns:
         # On the coarser grid white noise would look denser by the stride to a filter.
         below = self.profile.views[0].below * every**-0.5
         spans = [(max(0, start - margin), start, min(total, start + chunk)) for start in range(0, total, chunk)]
-        drawn = _made_ahead(
+        drawn: Iterator[tuple[Shapes, Shapes]] = (
             self._drawn(slice(low * every, (min(total, end + margin) - 1) * every + 1, every)) for low, _, end in spans
         )
+        if len(spans) > 1:
+            drawn = _made_ahead(drawn)
         parts: dict[str, list[Array]] = {}
         for (low, start, end), (smooth, white) in zip(spans, drawn, strict=True):
             columns = self._points(_sum(smooth, white, 1.0), step) | self._bands(_sum(smooth, white, below), step)

@@ -22,7 +22,7 @@ from trackfg.output.dense_motion import DenseMotion
 from trackfg.output.event_sources import EventSources
 from trackfg.output.events import events
 from trackfg.output.slip_events import wheel_excess
-from trackfg.output.trajectory import trajectory_table
+from trackfg.output.trajectory import trajectory_columns
 from trackfg.results.events import Event
 from trackfg.solver.covariance import Covariance
 
@@ -74,12 +74,11 @@ class SettledEvents:
         sources = self._unemitted(_silent_to_the_end(sources, states) if at_end else sources)
         first, last = np.ceil(self.needed_since_s / _STEP_S - 1e-6), np.floor(settled_s / _STEP_S + 1e-6)
         clock = np.arange(first, last + 1.0) * _STEP_S
-        trajectory = trajectory_table(run, motion.at(clock), states, covariance)
-        excess = wheel_excess(sources, states, trajectory)
+        excess = wheel_excess(sources, states, trajectory_columns(run, motion.at(clock), states, covariance))
         rolled_s = settled_s if excess is None else excess.open_since()
         latest = {"standstill": settled_s - _REST_GROWS_S, "slip": rolled_s, "slide": rolled_s}
         over, waiting, cut = [], [rolled_s - _BEFORE_S, _turned_s(sources, states)], []
-        for event in events(sources, states, covariance, trajectory):
+        for event in events(sources, states, covariance, excess):
             start_s, end_s = event.span_s
             if not self.emitted_s.get(_thing(event), -np.inf) < start_s <= settled_s:
                 continue

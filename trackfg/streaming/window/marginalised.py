@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from functools import reduce
+from itertools import pairwise
 
 import numpy as np
 
@@ -90,13 +91,9 @@ class MarginalisedHistory:
 
     def joined_with(self, window: Window, root: SquareRoot) -> tuple[Array, States, SquareRoot]:
         """Return times, states and square root of the information of these keyframes and of the window's, in a row."""
-        states, end = [window.states], len(self.parts)
-        while end:
-            begin = end - 1
-            while begin and _left_together(self.parts[begin - 1], self.parts[begin]):
-                begin -= 1
+        states = [window.states]
+        for begin, end in reversed(_left_together(self.parts)):
             states.append(_joined(self.parts[begin:end]).back_substitute(states[-1]))
-            end = begin
         oldest, *later = reversed(states)
         R, S, d = (
             np.concatenate([*(part.conditionals[i] for part in self.parts), newest])
@@ -130,12 +127,18 @@ def _merge(first: MarginalisedKeyframes, second: MarginalisedKeyframes) -> Margi
     return MarginalisedKeyframes(first.t, merged, point.take(slice(0, 1)).joined(next_point.take(slice(1, 2))))
 
 
-def _left_together(first: MarginalisedKeyframes, second: MarginalisedKeyframes) -> bool:
-    """Return whether both were marginalised in one pass: the first one's next keyframe was linearised at the second's
-    linearisation point.
+def _left_together(parts: list[MarginalisedKeyframes]) -> list[tuple[int, int]]:
+    """Return the first keyframe and the one after the last of each pass that marginalised some of them.
+
+    In one pass the next keyframe of the first was linearised at the linearisation point of the second.
     """
-    point, next_point = first.linearisation_point.take(slice(1, 2)), second.linearisation_point
-    return np.array_equal(point.nav.p, next_point.nav.p[:1]) and np.array_equal(point.imu, next_point.imu)
+    if not parts:
+        return []
+    points = [part.linearisation_point for part in parts]
+    p, imu = (np.array(values) for values in ([point.nav.p for point in points], [point.imu for point in points]))
+    apart = (p[:-1, 1] != p[1:, 0]).any(axis=1) | (imu[:-1] != imu[1:]).any(axis=(1, 2))
+    edges = [0, *(np.flatnonzero(apart) + 1).tolist(), len(parts)]
+    return list(pairwise(edges))
 
 
 def _joined(parts: list[MarginalisedKeyframes]) -> MarginalisedKeyframes:

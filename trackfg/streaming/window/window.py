@@ -18,7 +18,6 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg.lapack import dtrtrs
 
 from trackfg.errors import UnsolvableError
 from trackfg.factors.factor_type import FactorType
@@ -27,7 +26,7 @@ from trackfg.factors.imu import InertialFactors, Preintegration
 from trackfg.factors.linear import LinearFactors
 from trackfg.factors.loss import SwitchChain
 from trackfg.factors.marginal_prior import marginal_prior, rebased_to_interval_bias, retract_in_chart, step_from
-from trackfg.factors.states import States, Step
+from trackfg.factors.states import KEYFRAME_DIM, States, Step
 from trackfg.numerics.arrays import Array
 from trackfg.solver.elimination import Conditionals, eliminate_with_marginals
 from trackfg.solver.square_root import SquareRoot
@@ -230,18 +229,15 @@ class MarginalisedKeyframes(NamedTuple):
 
         Raises ``UnsolvableError`` where a conditional is singular.
         """
-        n, solutions = len(self.t), []
+        n, (R, S, d) = len(self.t), self.conditionals
+        for k in np.flatnonzero((np.diagonal(R, axis1=1, axis2=2) == 0.0).any(axis=1))[-1:]:
+            raise UnsolvableError(f"the conditional of the keyframe at {self.t[k]:.3f} s is singular")
         step = step_from(self.linearisation_point.take(slice(n, None)), next_state.take(slice(0, 1)))
-        x = step.keyframes[0]
-        for k in reversed(range(n)):
-            R, S, d = (part[k] for part in self.conditionals)
-            x, info = dtrtrs(R, d - S @ np.concatenate([x, step.shared]))
-            if info:
-                raise UnsolvableError(f"the conditional of the keyframe at {self.t[k]:.3f} s is singular")
-            solutions.append(x)
-        return retract_in_chart(
-            self.linearisation_point.take(slice(0, n)), Step(np.array(solutions[::-1]), step.shared)
-        )
+        right = d.copy()
+        right[-1] -= S[-1, :, :KEYFRAME_DIM] @ step.keyframes[0]
+        root = SquareRoot(R, S, d, np.eye(len(step.shared)), step.shared, np.zeros(n, dtype=np.int64))
+        keyframes = root.back_substituted(right[:, :, None], step.shared[:, None])[:, :, 0]
+        return retract_in_chart(self.linearisation_point.take(slice(0, n)), Step(keyframes, step.shared))
 
 
 def _merge_by_type(families: Sequence[Family]) -> tuple[Family, ...]:
