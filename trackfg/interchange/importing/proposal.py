@@ -17,7 +17,13 @@ from trackfg.interchange.importing.balise_places import COLUMNS
 from trackfg.interchange.importing.columns.calendar_columns import COMPOSED, parts_of_dates
 from trackfg.interchange.importing.columns.column_meaning import first_of, kind_in
 from trackfg.interchange.importing.columns.column_names import parts_of
-from trackfg.interchange.importing.columns.plan_columns import are_projected, plan_columns, stated_system, system_of
+from trackfg.interchange.importing.columns.plan_columns import (
+    are_projected,
+    plan_columns,
+    sigma_columns,
+    stated_system,
+    system_of,
+)
 from trackfg.interchange.importing.columns.receiver_state import (
     RANGE_SD_M,
     dilution_column,
@@ -99,16 +105,13 @@ def _gnss(proposal: Proposal, tables: Sequence[SourceTable], ask: Ask) -> None:
             continue
         height = first_of(table, "height")
         across, up = first_of(table, "sd_horizontal"), first_of(table, "sd_vertical")
-        sd: list[Any] = [across or GNSS_SD_M[0], across or GNSS_SD_M[1], up or GNSS_SD_M[2]]
-        if across is None:
+        by_axis = zip(sigma_columns(table), (across, across, up), GNSS_SD_M, strict=True)
+        sd: list[Any] = [name or shared or assumed for name, shared, assumed in by_axis]
+        if isinstance(sd[0], float) or isinstance(sd[1], float):
             proposal.reasons["gnss.sd"] = "m, east, north, up: assumed, since the source has none"
         if height is None:
             proposal.reasons["gnss.position"] = "the source has no heights: 0, with a sigma of 1 km"
             sd[2] = UNKNOWN_HEIGHT_SD_M
-        stated = [f"sd_{axis}_m" for axis in ("east", "north", "up")]
-        if set(stated) <= set(table.columns):
-            sd = list(stated)
-            proposal.reasons.pop("gnss.sd", None)
         position = [*plan, height or 0.0]
         section = {"file": table.name, **proposal.times_of(table), "position": position, "sd": sd}
         section |= (

@@ -11,7 +11,7 @@ import pytest
 from interchange.foreign_forms import Drive
 
 from trackfg.errors import BadInputError
-from trackfg.interchange.importing.columns.plan_columns import plan_columns, stated_system
+from trackfg.interchange.importing.columns.plan_columns import plan_columns, sigma_columns, stated_system
 from trackfg.interchange.importing.conversion import Imported
 from trackfg.interchange.importing.source_table import SourceTable
 
@@ -127,3 +127,26 @@ def test_reference_systems_in_names(names: tuple[str, str], system: str | None) 
 )
 def test_velocities_and_sigmas_are_no_positions(names: tuple[str, str]) -> None:
     assert plan_columns(SourceTable("log.csv", pd.DataFrame({name: [5.0, 6.0] for name in names}))) is None
+
+
+@pytest.mark.parametrize(
+    "names",
+    [
+        ("east_sd_m", "north_sd_m", "up_sd_m"),
+        ("east_m_sd", "north_m_sd", "up_m_sd"),
+        ("sde(m)", "sdn(m)", "sdu(m)"),
+        ("Lon std [m]", "Lat std [m]", "Alt std [m]"),
+        ("stdLon", "stdLat", "stdAlt"),
+        ("pos_std_east", "pos_std_north", "pos_std_up"),
+        ("sigma_e", "sigma_n", None),
+    ],
+)
+def test_sigmas_of_each_axis_in_names(names: tuple[str | None, ...]) -> None:
+    others = ("east_m", "north_m", "up_m", "std_vel_e", "acc_x_std", "hdop")
+    table = SourceTable("log.csv", pd.DataFrame({name: [5.0, 6.0] for name in (*others, *filter(None, names))}))
+    assert sigma_columns(table) == names
+
+
+def test_sigmas_of_other_units_are_none() -> None:
+    table = SourceTable("log.csv", pd.DataFrame({name: [1e-7] for name in ("lat_std_deg", "sigma_n [rad]")}))
+    assert sigma_columns(table) == (None, None, None)

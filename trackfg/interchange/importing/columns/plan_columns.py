@@ -9,6 +9,7 @@ from __future__ import annotations
 import re
 
 from trackfg.interchange.importing.columns.column_meaning import first_of, kind_in
+from trackfg.interchange.importing.columns.column_names import parts_of
 from trackfg.interchange.importing.source_table import SourceTable
 
 _EPSG = re.compile(r"epsg\W{0,2}(\d{4,6})(?!\d)", re.IGNORECASE)
@@ -31,6 +32,14 @@ _GRIDS = {
 }
 """EPSG codes of grids of one zone. Zones of Gauss and Krüger are on several datums: a number does not say which."""
 _ZONE = re.compile(r"(^|[\s_])zone$", re.IGNORECASE)
+_AXES = (
+    "e(ast(ing)?)?|lon(gitude)?",
+    "n(orth(ing)?)?|lat(itude)?",
+    "up?|height|hgt|alt(itude)?|elev(ation)?|v(ert(ical)?)?",
+)
+"""East, north and up in names of sigmas."""
+_SIGMA = r"(sd|std|st(an)?d(ard)? ?dev(iation)?|sigma|uncertainty)"
+_OF_AXES = [re.compile(rf"((pos(ition)?|gps|gnss) )?({_SIGMA} ?({axis})|({axis})( m)? ?{_SIGMA})") for axis in _AXES]
 
 
 def plan_columns(table: SourceTable) -> tuple[str, str] | None:
@@ -40,6 +49,15 @@ def plan_columns(table: SourceTable) -> tuple[str, str] | None:
         if first is not None and second is not None:
             return first, second
     return None
+
+
+def sigma_columns(table: SourceTable) -> tuple[str | None, ...]:
+    """Return the columns of sigmas east, north and up, in m; None for each that the table does not have."""
+    names = {name: parts_of(name) for name in table.columns}
+    in_metres = {name: parts for name, parts in names.items() if (table.units.get(name) or parts.unit) in ("", "m")}
+    return tuple(
+        next((name for name, parts in in_metres.items() if axis.fullmatch(parts.words)), None) for axis in _OF_AXES
+    )
 
 
 def are_projected(table: SourceTable, plan: tuple[str, str]) -> bool:
