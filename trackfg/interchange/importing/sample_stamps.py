@@ -15,6 +15,8 @@ _COARSE_TICKS = 100
 """With fewer ticks on a line, the mean of a staircase is not steep enough: its ends were off by q / 2 / ticks."""
 _DISPLACED = 0.01
 """Share of rows that buffers of a logger bring out of their order; more is a clock that was set."""
+_FIRST_ROWS = 100
+"""Rows that show whether stamps repeat with their rows: copies of all of them would take memory."""
 
 
 def sorted_rows(t: Array) -> np.ndarray | None:
@@ -36,16 +38,23 @@ def sorted_rows(t: Array) -> np.ndarray | None:
 def repeated_rows(t: Array, frame: pd.DataFrame) -> np.ndarray | None:
     """Return which rows (n,) are written a second time, with times (n,), s, and all cells of the row before.
 
-    None where there are none, or where stamps repeat so often that they are coarse.
+    None where there are none, or where stamps repeat often, and with other cells: then they are coarse.
     """
     again = np.flatnonzero(np.diff(t) == 0.0) + 1
-    if not 0 < again.size < _DISPLACED * t.size:
+    coarse = again.size >= _DISPLACED * t.size
+    if again.size == 0 or (coarse and not _as_before(frame, again[:_FIRST_ROWS]).all()):
         return None
-    previous, these = (frame.iloc[rows].reset_index(drop=True) for rows in (again - 1, again))
-    same = ((these == previous) | (these.isna() & previous.isna())).all(axis=1).to_numpy(dtype=bool, na_value=False)
+    same = _as_before(frame, again)
     twice = np.zeros(t.size, dtype=bool)
     twice[again[same]] = True
-    return twice if same.any() else None
+    return twice if same.all() or (same.any() and not coarse) else None
+
+
+def _as_before(frame: pd.DataFrame, rows: np.ndarray) -> np.ndarray:
+    """Return which of the rows (m,) have all cells of the row before."""
+    previous, these = (frame.iloc[some].reset_index(drop=True) for some in (rows - 1, rows))
+    same = ((these == previous) | (these.isna() & previous.isna())).all(axis=1)
+    return np.asarray(same.to_numpy(dtype=bool, na_value=False))
 
 
 def spread_stamps(t: Array) -> Array:

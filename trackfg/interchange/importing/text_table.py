@@ -157,14 +157,20 @@ def _as_frame(table: pa.Table, decimal: str) -> pd.DataFrame:
 
 
 def _ungrouped(column: pa.ChunkedArray, decimal: str) -> pa.ChunkedArray:
-    """Return a column as numbers where all its cells are, some with digits in groups of three: ``1.234,5``."""
+    """Return a column as numbers where all its cells are, some with digits in groups of three: ``1.234,5``.
+
+    Cells that are empty but for blanks, which Arrow takes for text, are none.
+    """
+    trimmed = pa.compute.utf8_trim_whitespace(column)
+    empty = pa.compute.is_in(trimmed, value_set=pa.array(EMPTY_CELLS))
+    column, trimmed = (pa.compute.if_else(empty, None, cells) for cells in (column, trimmed))
     signs = "['\u2019\u00a0\u202f " + ("." if decimal == "," else ",") + "]"
-    number = rf"^[+-]?(\d{{1,3}}({signs}\d{{3}})+|\d+)([{decimal}]\d*)?$"
-    for part in (column.slice(0, 100), column):
+    number = rf"^[+-]?(\d{{1,3}}({signs}\d{{3}})+|\d+)([{decimal}]\d*)?([eE][+-]?\d+)?$"
+    for part in (trimmed.slice(0, 100), trimmed):
         grouped = pa.compute.match_substring_regex(part, number)
         if part.null_count == len(part) or not pa.compute.all(grouped).as_py():
             return column
-    plain = pa.compute.replace_substring_regex(column, signs, "")
+    plain = pa.compute.replace_substring_regex(trimmed, signs, "")
     return pa.compute.replace_substring(plain, decimal, ".").cast(pa.float64())
 
 

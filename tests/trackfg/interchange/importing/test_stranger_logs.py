@@ -5,6 +5,7 @@ from __future__ import annotations
 import gzip
 import io
 import json
+import re
 import sqlite3
 import tarfile
 import zipfile
@@ -618,6 +619,41 @@ def test_rows_of_the_imu_with_a_blank_cell_are_left_out_and_counted(drive: Drive
     np.testing.assert_allclose(recording.gyro, np.delete(drive.gyro, gone, axis=0), atol=2e-5)
     assert recording.tach is not None
     assert len(recording.tach) == len(drive.t)
+
+
+def test_a_cell_of_blanks_is_empty(drive: Drive, tmp_path: Path) -> None:
+    recording, _ = _answered(_blank(drive, tmp_path / "log.csv", [100, 900], "   "), tmp_path / "out")
+
+    assert len(recording.imu) == drive.t.size - 2
+    assert recording.tach is not None
+
+
+def test_rows_that_are_there_twice_count_once_however_many(drive: Drive, tmp_path: Path) -> None:
+    rows = _cells(drive, _seconds(drive), rate=DEG, force=G, wheel=1 / 3.6)
+    twice = [row for i, row in enumerate(rows) for _ in range(2 if 500 <= i < 700 else 1)]
+
+    recording, _ = _answered(_text(tmp_path / "log.csv", [HEAD], twice), tmp_path / "out")
+
+    _is_of(recording, drive, dated=False)
+
+
+@pytest.mark.parametrize(
+    ("damage", "message"),
+    [
+        (lambda rows: rows[::-1], r"log.csv: column 't_s', row 3: earlier than the row before \(1999 such rows\)"),
+        (
+            lambda rows: [[re.sub("^-", "\N{MINUS SIGN}", cell) for cell in row] for row in rows],
+            r"log.csv: column 'gx_dps', row \d: '\u2212\d.*' is not a number \(\d+ such cells\); expected a number",
+        ),
+    ],
+)
+def test_what_is_wrong_with_a_column_is_named(
+    damage: Callable[[list[list[str]]], list[list[str]]], message: str, drive: Drive, tmp_path: Path
+) -> None:
+    rows = damage(_cells(drive, _seconds(drive), rate=DEG, force=G, wheel=1 / 3.6))
+
+    with pytest.raises(BadInputError, match=message):
+        _answered(_text(tmp_path / "log.csv", [HEAD], rows), tmp_path / "out")
 
 
 def test_a_log_that_is_not_usable_is_refused_by_its_own_name(drive: Drive, tmp_path: Path, imported: Import) -> None:

@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 
 from trackfg.checks.limits import CheckLimits
+from trackfg.errors import BadInputError
 from trackfg.interchange.importing.columns.calendar_columns import COMPOSED
 from trackfg.interchange.importing.columns.column_names import meaning, parts_of
 from trackfg.interchange.importing.columns.written_units import factor_of
@@ -39,6 +40,8 @@ _RATE = re.compile(
 """The sampling rate in the remarks above a table."""
 
 
+_DISPLACED = 0.05
+"""Share of rows that are earlier than the one before; a time that starts again has fewer."""
 _COARSER = 2
 """A number that has less than half as many values as a date beside it is the time of something else, as of a phone's
 last position."""
@@ -102,6 +105,21 @@ def stalled_times(table: SourceTable) -> tuple[str, int] | None:
         if meaning(name) == "time" and pd.api.types.is_numeric_dtype(table.frame[name]):
             return name, _resolution(table.numbers(name))
     return None
+
+
+def refuse_displaced_times(table: SourceTable) -> None:
+    """Raise :class:`BadInputError` where a column named as a time would grow steadily if its rows were in sequence."""
+    for name in table.columns:
+        if meaning(name) == "time" and pd.api.types.is_numeric_dtype(table.frame[name]):
+            values = table.numbers(name)
+            falls = np.diff(values) < 0.0
+            if falls.mean() > _DISPLACED and _steady(np.sort(values)):
+                row = table.first_row + int(np.argmax(falls)) + 1
+                raise BadInputError(
+                    f"{table.name}: column {name!r}, row {row}: earlier than the row before "
+                    f"({np.count_nonzero(falls)} such rows); expected times that grow from row to row. Hint: sort the "
+                    "rows by time"
+                )
 
 
 def stated_rate_hz(table: SourceTable) -> float | None:

@@ -10,7 +10,14 @@ from typing import Any
 import numpy as np
 
 from trackfg.errors import BadInputError
-from trackfg.interchange.importing.columns.column_meaning import QUANTITY_OF, InertialKind, Triple, has_gravity, triples
+from trackfg.interchange.importing.columns.column_meaning import (
+    QUANTITY_OF,
+    InertialKind,
+    Triple,
+    has_gravity,
+    kind_in,
+    triples,
+)
 from trackfg.interchange.importing.columns.plan_columns import plan_columns
 from trackfg.interchange.importing.proposals.questions import Ask, Proposal, Question, asked_unit
 from trackfg.interchange.importing.source_table import SourceTable
@@ -41,6 +48,10 @@ def propose_imu(proposal: Proposal, tables: Sequence[SourceTable], ask: Ask) -> 
         )
     if gyro is None or accel is None:
         lacking = [name for name, triple in (("gyro", gyro), ("accelerometer", accel)) if triple is None]
+        for table in tables:
+            for name in table.columns:
+                if kind_in(table, name) in QUANTITY_OF:
+                    table.numbers(name)  # one of text is why they are not found
         raise BadInputError(_not_found(lacking, tables))
     section: dict[str, Any] = {"file": gyro.table.name}
     if not _same_rows(gyro, accel):

@@ -9,6 +9,7 @@ from typing import Any
 from trackfg.errors import BadInputError
 from trackfg.interchange.importing.columns.time_columns import (
     counter_of,
+    refuse_displaced_times,
     stalled_times,
     stated_rate_hz,
     time_columns,
@@ -110,6 +111,7 @@ class Proposal:
                 f"{table.name}: no column of times found among {', '.join(table.columns[:30])}; expected one. Hint: "
                 "name it in a mapping (docs/importing.md)"
             )
+        refuse_displaced_times(table)
         rate, stalled = stated_rate_hz(table), stalled_times(table)
         reason = (
             "has no times" if stalled is None else f"has times, {stalled[0]}, of {stalled[1]} values only in all rows"
