@@ -405,6 +405,12 @@ def _ticks_of_dot_net(drive: Drive, folder: Path) -> Path:
     return _text(folder / "log.csv", [HEAD.replace("t_s", "Ticks")], rows)
 
 
+def _milliseconds_beside_a_clock(drive: Drive, folder: Path) -> Path:
+    times = [stamp.replace(".", ",") for stamp in _stamps(drive, "%Y-%m-%d,%H:%M:%S.%f")]
+    rows = _cells(drive, times, rate=DEG, force=G, wheel=1 / 3.6)
+    return _text(folder / "log.csv", [HEAD.replace("t_s", "Date,Time,Milliseconds")], rows)
+
+
 def _parts_of_a_date(drive: Drive, folder: Path, form: str, names: str) -> Path:
     rows = _cells(drive, _stamps(drive, form), rate=DEG, force=G, wheel=1 / 3.6)
     return _text(folder / "log.csv", [HEAD.replace("t_s", names)], rows)
@@ -426,7 +432,8 @@ def _week_and_seconds_of_it(drive: Drive, folder: Path) -> Path:
 
 
 DATED = (
-    _ticks_of_dot_net, _seconds_and_nanoseconds, _day_of_the_year, _short_names_of_a_date, _week_and_seconds_of_it,
+    _milliseconds_beside_a_clock, _ticks_of_dot_net,
+    _seconds_and_nanoseconds, _day_of_the_year, _short_names_of_a_date, _week_and_seconds_of_it,
     _row_for_each_field, _finnish, _columns_of_two_levels,
     _date_and_time_in_digits, _iso_with_an_offset, _name_of_a_zone, _repeated_and_displaced_rows,
     _a_row_for_each_sensor,

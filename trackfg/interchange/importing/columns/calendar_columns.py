@@ -36,6 +36,9 @@ _OF_A_SECOND = re.compile(r"(?P<stem>.*?)(?P<part>nano|micro|milli|n|u|m)?sec(?:
 """The name of whole seconds, which has no ``part``, or of what is beyond them."""
 _PARTS_NS = {"nano": 1, "n": 1, "micro": 1_000, "u": 1_000, "milli": 1_000_000, "m": 1_000_000}
 _SECOND_NS = 1_000_000_000
+_MILLISECONDS = re.compile(r"(^|[\s_.])(ms|msecs?|millis?|milliseconds?)$", re.IGNORECASE)
+_MILLISECONDS_MOST = 1000
+_WHOLE_SECONDS = r"(.*\D)?\d{1,2}:\d\d:\d\d"
 _GROWING = 0.99
 """Share of rows that no earlier one follows: seconds of a minute fall in one of 60."""
 
@@ -50,12 +53,33 @@ _FIRST_WEEK, _LAST_WEEK = 960, 4000
 
 
 def with_whole_dates(table: SourceTable) -> SourceTable:
-    """Return a table with the column :data:`COMPOSED` where it has all parts of a date, else the table as it is."""
+    """Return a table with the column :data:`COMPOSED` where it has all parts of a date, else the table as it is.
+
+    Times in text, of whole seconds, get the milliseconds that stand in a column beside them, in place of that column.
+    """
+    table = _with_milliseconds(table)
     readings = (read(table) for read in (_of_the_week, _of_the_calendar, _of_digits, _of_seconds))
     ns = next((ns for ns in readings if ns is not None), None)
     if ns is None:
         return table
     return replace(table, frame=table.frame.assign(**{COMPOSED: ns}), units={**table.units, COMPOSED: "ns"})
+
+
+def _with_milliseconds(table: SourceTable) -> SourceTable:
+    name = table.name_like(_MILLISECONDS)
+    if name is None or not pd.api.types.is_integer_dtype(table.frame[name]):
+        return table
+    texts = [column for column in table.columns if pd.api.types.is_string_dtype(table.frame[column])]
+    clock = next((column for column in texts if table.frame[column].str.fullmatch(_WHOLE_SECONDS).all()), None)
+    if clock is None:
+        return table
+    part, cells = table.frame[name].to_numpy(dtype=np.int64), table.frame[clock]
+    same_second = (cells.to_numpy()[1:] == cells.to_numpy()[:-1]).astype(bool)
+    rises = np.diff(part)[same_second] >= 0
+    if part.min() < 0 or part.max() >= _MILLISECONDS_MOST or not rises.size or rises.mean() <= _GROWING:
+        return table
+    whole = cells + "." + pd.Series(part, index=cells.index).astype("string").str.zfill(3)
+    return replace(table, frame=table.frame.assign(**{clock: whole}).drop(columns=name))
 
 
 def parts_of_dates(table: SourceTable) -> set[str]:
