@@ -109,14 +109,10 @@ def _rows_in_kernel(family: Family, states: States, _width: float, rows: Array) 
     from trackfg.numerics import compiled
 
     data = family.data
-    whole = rows if rows.shape[2] > 1 else np.empty((*rows.shape[:2], data["A"].shape[2] + 1))
     origin, A, b, sigma = (kernel_argument(one[0]) for one in (data["sensor"], data["A"], data["b"], family.sigma))
     sensor, keyframe = kernel_argument(states.sensor[: len(origin)]), int(family.slots[0].index[0])
     origins = tuple(kernel_argument(data[name]) for name in _ORIGINS)
-    finite = compiled.marginal_prior(states.arrays, sensor, keyframe, origins, origin, A, b, sigma, whole[0])
-    if whole is not rows:
-        rows[:] = whole[:, :, -1:]
-    return finite
+    return compiled.marginal_prior(states.arrays, sensor, keyframe, origins, origin, A, b, sigma, rows[0])
 
 
 @in_kernel(_rows_in_kernel)

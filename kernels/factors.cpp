@@ -374,8 +374,8 @@ void chart_by_state(const NavState &state, const NavState &origin, double (&out)
 }  // namespace
 
 // marginal_prior(values, sensor (s, 2), keyframe, origins, sensor_origins (s, 2), A (r, n), b (r), sigma (r),
-// rows (r, n + 1)): the factor on a keyframe and the shared variables, linearised at `values`; `origins` are those of one
-// keyframe. Both are as States.arrays has them. Returns as linear_rows().
+// rows (r, n + 1)): the factor on a keyframe and the shared variables, linearised at `values`, or b alone into rows (r, 1);
+// `origins` are those of one keyframe. Both are as States.arrays has them. Returns as linear_rows().
 PyObject *marginal_prior(PyObject *, PyObject *arguments) {
     PyObject *py[8];
     Py_ssize_t keyframe;
@@ -396,8 +396,9 @@ PyObject *marginal_prior(PyObject *, PyObject *arguments) {
     const std::ptrdiff_t of_sensors = sensor_origin.total(), tall = A.size(0);
     if (sensor.size(1) != SENSOR || sensor_origin.size(1) != SENSOR || sensor_origin.size(0) != sensor.size(0))
         return refused("sensors");
-    const std::ptrdiff_t n = KEYFRAME + SHARED + of_sensors;
-    if (A.size(1) != n || b.size(0) != tall || sigma.size(0) != tall || rows.size(0) != tall || rows.size(1) != n + 1)
+    const std::ptrdiff_t n = KEYFRAME + SHARED + of_sensors, columns = rows.size(1);
+    if (A.size(1) != n || b.size(0) != tall || sigma.size(0) != tall || rows.size(0) != tall ||
+        (columns != n + 1 && columns != 1))
         return refused("rows");
 
     std::vector<double> x;
@@ -409,7 +410,7 @@ PyObject *marginal_prior(PyObject *, PyObject *arguments) {
         if (kind == OF_NAV) {
             const NavState state = values.nav(keyframe), origin = origins.nav(0);
             const InChart tangent(state, origin);
-            chart_by_state(state, origin, by_state);
+            if (columns > 1) chart_by_state(state, origin, by_state);
             at_nav = static_cast<std::ptrdiff_t>(x.size());
             for (const Vector &part : {tangent.turn, tangent.shift, tangent.faster})
                 x.insert(x.end(), part.x, part.x + 3);
@@ -422,15 +423,18 @@ PyObject *marginal_prior(PyObject *, PyObject *arguments) {
     double bound = 0.0;
     for (std::ptrdiff_t i = 0; i < tall; ++i) {
         const double *from = A.data() + i * n, scale = 1.0 / sigma.data()[i];
-        double *row = rows.data() + i * (n + 1), sum = b.data()[i];
-        for (std::ptrdiff_t j = 0; j < n; ++j) sum -= from[j] * x[j], row[j] = from[j];
-        for (int j = 0; j < NAV; ++j) {
-            double by = 0.0;
-            for (int k = 0; k < NAV; ++k) by += from[at_nav + k] * by_state[k][j];
-            row[at_nav + j] = by;
+        double *row = rows.data() + i * columns, sum = b.data()[i];
+        for (std::ptrdiff_t j = 0; j < n; ++j) sum -= from[j] * x[j];
+        row[columns - 1] = sum;
+        if (columns > 1) {
+            std::copy(from, from + n, row);
+            for (int j = 0; j < NAV; ++j) {
+                double by = 0.0;
+                for (int k = 0; k < NAV; ++k) by += from[at_nav + k] * by_state[k][j];
+                row[at_nav + j] = by;
+            }
         }
-        row[n] = sum;
-        for (std::ptrdiff_t j = 0; j <= n; ++j) bound += row[j] * row[j], row[j] *= scale;
+        for (std::ptrdiff_t j = 0; j < columns; ++j) bound += row[j] * row[j], row[j] *= scale;
     }
     return PyBool_FromLong(std::isfinite(bound));
 }
