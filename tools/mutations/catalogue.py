@@ -273,7 +273,7 @@ _GRAPH = (
         "trackfg/graph/positions.py",
         ("tests/trackfg/graph/test_positions.py",),
         (
-            _one("a fix is carried the wrong way by the speed", ".to_numpy() - carried", ".to_numpy() + carried"),
+            _one("a fix is carried the wrong way by the speed", "* chainage - carried", "* chainage + carried"),
             _one("the antenna's lever arm counts from the vehicle", "lever_arm_m) - inputs.lever_arm", "lever_arm_m)"),
             _one("errors that last do not widen GNSS", "max(1.0, 2.0 * config", "max(1.0, 0.0 * config"),
             _one(
@@ -729,7 +729,11 @@ _STREAMING = (
         "trackfg/streaming/window/window.py",
         (_WINDOW_TEST,),
         (
-            _one("keyframes that are gone do not follow the next one", "d - S @ np.concatenate([x, step.shared])", "d"),
+            _one(
+                "keyframes that are gone do not follow the next one",
+                "root.back_substituted(right[:, :, None], step.shared[:, None])",
+                "right[:, :, None]",
+            ),
             _one("the first keyframe's bias is not that of its interval", "if len(self) == 1:", "if False:"),
         ),
     ),
