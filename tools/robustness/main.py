@@ -6,7 +6,7 @@ batch      every effect of :mod:`trackfg.datasets.effects` at each of its magnit
 stream     six of the effects as a stream with 20 s of lag
 floor      100 random runs with sensors of a few euros against dead reckoning
 combined   60 random runs in which two to six effects come together
-real       KITTI, Kingston and comma2k19 with the default settings
+real       KITTI, Kingston, comma2k19 and drives of the Wheel Inertial Dataset with the default settings
 
 Printed are a table, a row per case and quantity, and the list of what misses the acceptance:
 
@@ -31,6 +31,7 @@ from pathlib import Path
 import pandas as pd
 from benchmark import Call, add_seed_arguments, seeds_of, side_by_side
 
+from robustness import drives
 from robustness.cases import STREAMED, Case, cases
 from robustness.combined import CombinedRun
 from robustness.low_cost import LowCostRun
@@ -109,4 +110,6 @@ def main() -> None:
             rows.to_csv(arguments.out, index=False)
     if "real" in arguments.parts:
         print(as_table(list(real_scores(arguments.data))))
+        if (arguments.data / "wid").is_dir():
+            print(drives.as_table(list(drives.drive_scores(arguments.data / "wid"))))
     print(f"\n{time.perf_counter() - start:.0f} s in all", file=sys.stderr)
