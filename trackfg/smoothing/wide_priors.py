@@ -58,6 +58,8 @@ _SET_SD = 1e-5
 _EARTH_SIGMAS = 3.0
 """Sigmas beyond which the data contradict an Earth that does not turn: only simulated ones do not."""
 
+_UNEXPLAINED_HINT = "check the sensor's mounting, its clock and its noise figures"
+
 _EARTH_HINT = "declare latitude_deg and heading_deg of [track]"
 
 _WORTH_A_LINE = np.array([np.radians(1.0), np.radians(1.0), 2.0, 0.5, 2.0])
@@ -193,17 +195,18 @@ def wide_priors(run: SolvedRun) -> Reassessment:
             if kind is Kind.IMU and (quiet := without_noise(run, problem, contradicted=bool(far))) is not None:
                 any_changed, problem = True, quiet
                 continue
-            findings += _contradictions(kind, judged, [columns[c] for c in far], prior_sd)
+            widest = _widest_calibration(run.declared, first) if kind is Kind.IMU else np.full(len(prior_sd), np.inf)
+            beyond = np.abs(judged.alone[far]) / np.hypot(widest[far], judged.spread[far])
+            possible, impossible = ([columns[c] for c in np.array(far)[some]] for some in (beyond <= 1.0, beyond > 1.0))
+            findings += (*_contradictions(kind, judged, possible, prior_sd), *_impossible(judged, impossible))
+            doubts += [_unexplained(float(beyond.max()))] if impossible else []
             if kind is Kind.MOUNT:
                 findings += _mounting_notes(run, far)
             wanted = np.where(np.abs(judged.sigmas) < _NEAR_SIGMAS, first.sigma, current.sigma)
             wanted[0, far], wanted[0, [*pulled]] = np.abs(judged.alone[far]), prior_sd[[*pulled]]
             if kind is Kind.IMU:
-                widest = _widest_calibration(run.declared, first)
                 wanted[0, EARTH] = wanted[0, EARTH].max()  # which way is ahead says nothing
                 wanted = np.minimum(wanted, widest)
-                beyond = np.abs(judged.alone[far]) / np.hypot(widest[far], judged.spread[far])
-                doubts += [_unexplained(float(beyond.max()))] if (beyond > 1.0).any() else []
             # Conventions, and what has no text, are left to other reassessors.
             others = np.setdiff1d(np.arange(wanted.shape[1]), list(columns))
             wanted[0, others] = current.sigma[0, others]
@@ -242,8 +245,7 @@ def _unexplained(factor: float) -> Doubt:
     What the data hardly determine is counted in the sigma with which they do: that of a few metres of track is wide.
     """
     reason = "no calibration of the inertial sensor explains what it measures: something is not modelled"
-    hint = "check the sensor's mounting, its clock and its noise figures"
-    return Doubt(("roll", "pitch", "yaw", "cross_level"), factor, reason, hint)
+    return Doubt(("roll", "pitch", "yaw", "cross_level"), factor, reason, _UNEXPLAINED_HINT)
 
 
 class _Judged(NamedTuple):
@@ -288,6 +290,15 @@ def _contradictions(kind: Kind, judged: _Judged, far: list[_Scalar], sigma: Arra
     )
     hint = "; ".join(dict.fromkeys(one.hint for one in far))
     return [Finding("warning", f"far-from-prior-{kind.attribute}", f"{sentence}. The data decided", hint=hint)]
+
+
+def _impossible(judged: _Judged, far: list[_Scalar]) -> Iterator[Finding]:
+    """Yield what of a calibration would have to be further off than it can be: its sigma does not follow."""
+    for one in far:
+        message = f"by the data alone {one.said(float(judged.alone[one.column]))}, more than it can be"
+        yield Finding(
+            "warning", "calibration-impossible", f"{message}: something is not modelled", hint=_UNEXPLAINED_HINT
+        )
 
 
 def _mounting_notes(run: SolvedRun, far: list[int]) -> Iterator[Finding]:

@@ -25,6 +25,8 @@ from trackfg.smoothing.wide_priors import wide_priors
 from trackfg.solver.variance_components import Residuals
 
 TOTAL_S = 150.0
+ACCEL_Y_SCALE = 4
+"""Among the calibrations of an inertial sensor."""
 
 
 def with_scale(recording: Recording, scale: float) -> Recording:
@@ -180,6 +182,22 @@ def test_a_point_outside_of_every_vehicle_is_not_believed(smoothed: Callable[...
         seen = replace(run, solution=replace(run.solution, states=moved), residuals=noise_of_accel(1.0))
         believed.append(mounting_sd(wide_priors(seen).problem)[4] > 2.0 * mounting_sd(run.declared)[4])
     assert believed == [True, False]
+
+
+@pytest.mark.parametrize(("off", "code"), [(0.0028, "far-from-prior-imu"), (0.1, "calibration-impossible")])
+def test_a_scale_that_no_sensor_has_is_none_to_declare(
+    smoothed_in_full: Callable[..., SmoothedStates], monkeypatch: pytest.MonkeyPatch, off: float, code: str
+) -> None:
+    monkeypatch.setattr("trackfg.smoothing.wide_priors.without_noise", lambda *_, contradicted: None)
+    run = smoothed_in_full("mainline", seed=0, duration_s=TOTAL_S)
+    imu = run.solution.states.imu.copy()
+    imu[0, ACCEL_Y_SCALE] += off
+    seen = replace(run, solution=replace(run.solution, states=replace(run.solution.states, imu=imu)))
+    judged = wide_priors(replace(seen, residuals=noise_of_accel(1.0)))
+    (finding,) = (one for one in judged.findings if "the scale of the accelerometer's y axis" in one.message)
+    assert finding.code == code
+    assert ("declare accel_scale_sd" in str(finding.hint)) == (code == "far-from-prior-imu")
+    assert [doubt.quantities[0] for doubt in judged.doubts] == ["roll"] * (code == "calibration-impossible")
 
 
 def noise_of_accel(ratio: float) -> dict[str, Residuals]:
