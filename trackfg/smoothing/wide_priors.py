@@ -294,8 +294,8 @@ def _contradictions(kind: Kind, judged: _Judged, far: list[_Scalar], sigma: Arra
 
 def _impossible(judged: _Judged, far: list[_Scalar]) -> Iterator[Finding]:
     """Yield what of a calibration would have to be further off than it can be: its sigma does not follow."""
-    for one in far:
-        message = f"by the data alone {one.said(float(judged.alone[one.column]))}, more than it can be"
+    for scalar in far:
+        message = f"by the data alone {scalar.said(float(judged.alone[scalar.column]))}, more than it can be"
         yield Finding(
             "warning", "calibration-impossible", f"{message}: something is not modelled", hint=_UNEXPLAINED_HINT
         )
