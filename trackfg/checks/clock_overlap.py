@@ -17,6 +17,8 @@ from trackfg.recording.strict_model import Model
 
 _HALF_HOUR_S, _ZONES_S = 1800.0, 14.0 * 3600.0
 """Zones differ by whole half hours, up to so many seconds from UTC."""
+_MOST = 0.5
+"""Where less of a table meets the IMU after a shift, that is chance: its clock begins somewhere else."""
 _SAME_ENDS_S = 60.0
 """Sensors that record the same run begin and end no further apart, s."""
 
@@ -60,8 +62,8 @@ def clock_findings(
 def _zone_apart_s(record: tuple[float, float], t: Array, share: float) -> float:
     """Return by how much times (n,), s, of another time zone are to be shifted; 0 where they are of the same.
 
-    They fit a ``record``, between two times, s, better then than with the ``share`` of them that is within it as they
-    are. In a run of hours most are within it all the same: then both ends have to fit.
+    Most of them fit a ``record``, between two times, s, then, and more than the ``share`` of them that is within it as
+    they are. In a run of hours most are within it all the same: then both ends have to fit.
     """
     begin, end = record
     shift = _HALF_HOUR_S * round((begin - t[0]) / _HALF_HOUR_S)
@@ -69,7 +71,7 @@ def _zone_apart_s(record: tuple[float, float], t: Array, share: float) -> float:
         return 0.0
     fits = float(np.mean((t + shift >= begin) & (t + shift <= end)))
     same_ends = max(abs(t[0] + shift - begin), abs(t[-1] + shift - end)) < _SAME_ENDS_S
-    return shift if fits > share and (same_ends or share == 0.0) else 0.0
+    return shift if fits > max(share, _MOST) and (same_ends or share == 0.0) else 0.0
 
 
 def _rolls_on(imu: pd.DataFrame, tach: pd.DataFrame, near: np.ndarray, place: ColumnPlace) -> list[Finding]:

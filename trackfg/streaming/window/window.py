@@ -230,8 +230,9 @@ class MarginalisedKeyframes(NamedTuple):
         Raises ``UnsolvableError`` where a conditional is singular.
         """
         n, (R, S, d) = len(self.t), self.conditionals
-        for k in np.flatnonzero((np.diagonal(R, axis1=1, axis2=2) == 0.0).any(axis=1))[-1:]:
-            raise UnsolvableError(f"the conditional of the keyframe at {self.t[k]:.3f} s is singular")
+        singular = np.flatnonzero((np.diagonal(R, axis1=1, axis2=2) == 0.0).any(axis=1))
+        if singular.size:
+            raise UnsolvableError(f"the conditional of the keyframe at {self.t[singular[-1]]:.3f} s is singular")
         step = step_from(self.linearisation_point.take(slice(n, None)), next_state.take(slice(0, 1)))
         right = d.copy()
         right[-1] -= S[-1, :, :KEYFRAME_DIM] @ step.keyframes[0]
