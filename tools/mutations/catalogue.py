@@ -446,9 +446,7 @@ _OUTPUT = (
         "trackfg/output/profile_samples.py",
         ("tests/trackfg/output/test_profile_samples.py",),
         (
-            _one(
-                "the accelerometer's noise grows with the interval as the gyro's does", "None] ** 1.5", "None] ** 0.5"
-            ),
+            _one("the accelerometer's noise grows with the interval as the gyro's does", "span**1.5", "span**0.5"),
             _one("a point below swings the other way", "position - self._turned", "position + self._turned"),
             _one("a bridge has one end only", "- f * pins[k + 1]", "- 0 * pins[k + 1]"),
             _one(

@@ -8,7 +8,6 @@ its sigma as their spread, whatever its extent.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -94,68 +93,55 @@ class PointErrors:
         f, a = points.fraction[:, None, None], errors.attitude
         self._tilted = (1.0 - f) * a[points.keyframe] + f * a[points.keyframe + 1]
 
-    def places(self, arm: Array | None = None) -> PlaceErrors:
+    def places(self, *arms: Array) -> list[PlaceErrors]:
         """Draw the errors of the points: the IMU's position less the arm, which turns with the attitude.
 
-        Points that are passed at the same time, such as both rails under one unit, differ in nothing but their ``arm``
-        (m, 3): whatever is drawn is the same for both.
+        Points that are passed at the same time, such as both rails under one unit, differ in nothing but their arm:
+        there is one list entry for each of the ``arms`` (m, 3), the points' own by default, and what is drawn is the
+        same for all.
         """
-        arm = self._points.arm if arm is None else arm
-        has_arm, directions = arm.any(), (self._up, self._points.left, self._forward)
-
-        def at_point(position: Array, direction: Array) -> Array:
-            if not has_arm:
-                return position
-            lever = np.cross(arm, direction)
-            return np.asarray(position - self._turned_about(lever) - np.einsum("mi,ims->ms", lever, self._turned))
-
-        height, across, ahead = (at_point(*both) for both in zip(self._positions, directions, strict=True))
-        # The heading of the path errs by d(across)/dx + curvature * ahead: a path that is turned as a whole stays the
-        # same.
-        turn = np.diff(np.unwrap(np.arctan2(self._forward[:, 1], self._forward[:, 0])))[:, None]
-        bent = _summed(0.5 * turn * (ahead[1:] + ahead[:-1]))
-        # A curve seems to bend less by as much as its length seems longer.
-        stretched = np.diff(ahead, axis=0) - 0.5 * turn * (across[1:] + across[:-1])
-        turned_less = -_summed(turn * stretched)
-        bent += _summed(0.5 * (turned_less[1:] + turned_less[:-1]))
-        up_shaken, left_shaken = self._shaken
-        return PlaceErrors((height + up_shaken).T, (across + bent + left_shaken).T, turned_less.T)
-
-    @property
-    def _up(self) -> Array:
-        return np.broadcast_to([0.0, 0.0, 1.0], self._points.left.shape)
-
-    @property
-    def _forward(self) -> Array:
-        return np.cross(self._points.left, self._up)
-
-    @cached_property
-    def _turned(self) -> Array:
-        """What the gyro's white noise turns between keyframes, drawn about each axis of n: (3, m, count)."""
-        noisiest = int(np.argmax(self._run.noise.gyro[self._points.keyframe].sum(axis=0)))
-        return np.stack([self._noise(noisiest) for _ in range(3)])
-
-    @cached_property
-    def _positions(self) -> list[Array]:
-        """The errors of the IMU's positions up, to the left and ahead, carried from the keyframes: each (m, count)."""
-        k, errors = self._points.keyframe, self._errors
-        span, f = np.diff(self._run.t)[k][:, None], self._points.fraction[:, None]
+        run, errors, k, left = self._run, self._errors, self._points.keyframe, self._points.left
+        arms = arms or (self._points.arm,)
+        turned = self._turned() if any(arm.any() for arm in arms) else None
+        span, f = np.diff(run.t)[k][:, None], self._points.fraction[:, None]
         w0, w1, u0, u1 = (weight[:, :, None] for weight in hermite_weights(f, span))
         p, v = errors.position, errors.velocity
         moved = w0 * p[k] + w1 * p[k + 1] + u0 * v[k] + u1 * v[k + 1]
-        return [np.einsum("mi,mis->ms", at, moved) for at in (self._up, self._points.left, self._forward)]
+        up = np.broadcast_to([0.0, 0.0, 1.0], left.shape)
+        directions = up, left, np.cross(left, up)
+        positions = [np.einsum("mi,mis->ms", direction, moved) for direction in directions]
+        beam = span**1.5 * _beam(self._points.fraction)
 
-    @cached_property
-    def _shaken(self) -> tuple[Array, Array]:
-        """What the accelerometer's white noise moves between keyframes, up and to the left: each (m, count)."""
-        run, k = self._run, self._points.keyframe
-        beam = np.diff(run.t)[k][:, None] ** 1.5 * _beam(self._points.fraction)
-
-        def of(axis: int, direction: int) -> Array:
+        def shaken(axis: int, direction: int) -> Array:
             modes = run.noise.accel[k, axis, None] * beam
-            return np.asarray(np.einsum("mi,mis->ms", modes, self._errors.beam[k, direction]))
+            return np.asarray(np.einsum("mi,mis->ms", modes, errors.beam[k, direction]))
 
-        return of(2, 0), of(1, 1)
+        up_shaken, left_shaken = shaken(2, 0), shaken(1, 1)
+        # The heading of the path errs by d(across)/dx + curvature * ahead: a path that is turned as a whole stays the
+        # same.
+        turn = np.diff(np.unwrap(np.arctan2(directions[2][:, 1], directions[2][:, 0])))[:, None]
+
+        def at_arm(arm: Array) -> PlaceErrors:
+            def at_point(position: Array, direction: Array) -> Array:
+                if turned is None:
+                    return position
+                lever = np.cross(arm, direction)
+                return np.asarray(position - self._turned_about(lever) - np.einsum("mi,ims->ms", lever, turned))
+
+            height, across, ahead = (at_point(*both) for both in zip(positions, directions, strict=True))
+            bent = _summed(0.5 * turn * (ahead[1:] + ahead[:-1]))
+            # A curve seems to bend less by as much as its length seems longer.
+            stretched = np.diff(ahead, axis=0) - 0.5 * turn * (across[1:] + across[:-1])
+            turned_less = -_summed(turn * stretched)
+            bent += _summed(0.5 * (turned_less[1:] + turned_less[:-1]))
+            return PlaceErrors((height + up_shaken).T, (across + bent + left_shaken).T, turned_less.T)
+
+        return [at_arm(arm) for arm in arms]
+
+    def _turned(self) -> Array:
+        """Draw what the gyro's white noise turns between keyframes, about each axis of n: (3, m, count)."""
+        noisiest = int(np.argmax(self._run.noise.gyro[self._points.keyframe].sum(axis=0)))
+        return np.stack([self._noise(noisiest) for _ in range(3)])
 
     def angles(self) -> AngleErrors:
         """Draw the errors of the points' attitude."""

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from itertools import groupby
 from typing import TypeVar
 
 import numpy as np
@@ -26,8 +27,8 @@ from trackfg.geometry.versines import versine
 from trackfg.graph.run_context import RunContext
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.blas_threads import ThreadBeside
-from trackfg.output.profile_samples import PointErrors, PosteriorErrors
-from trackfg.output.profiles import Profile, Shapes
+from trackfg.output.profile_samples import PlaceErrors, PointErrors, PosteriorErrors
+from trackfg.output.profiles import Profile, Shapes, View
 from trackfg.output.trajectory import keyframe_variances
 from trackfg.results.columns import GEOMETRY_COLUMNS, RAIL_COLUMNS
 from trackfg.results.summary import GeometryConventions
@@ -203,15 +204,12 @@ class _Columns:
         views, step = self.profile.views, rows.step * self.meaning.step_m
         if views[0].side is None:
             path = PointErrors(self.run, views[0].points[rows], self.errors)
-            place, angle = path.places(), path.angles()
+            (place,), angle = path.places(), path.angles()
             nothing = np.zeros_like(place.height)
             motion = Shapes(place.height, place.lateral, angle.tilt, angle.heading + place.turn / step)
             return motion, Shapes(nothing, nothing, nothing, nothing)
-        units: dict[float, PointErrors] = {}
-        for view in views:
-            if view.along_m not in units:
-                units[view.along_m] = PointErrors(self.run, view.points[rows], self.errors)
-        moved = [units[view.along_m].places(view.points[rows].arm) for view in views]
+        units = groupby(views, key=lambda view: view.along_m)
+        moved = [errors for _, unit in units for errors in self._passed(tuple(unit), rows)]
 
         def rails(heights: list[Array], laterals: list[Array]) -> Shapes:
             sides = {
@@ -239,6 +237,11 @@ class _Columns:
         slope = np.sqrt(sum(view.slope**2 * view.across_sd[rows] ** 2 for view in views)) / len(views)
         slope = np.hypot(slope, self._turning(rows, step))
         return smooth, replace(white, heading=slope * self.errors.rng.standard_normal(white.heading.shape))
+
+    def _passed(self, unit: tuple[View, ...], rows: slice) -> list[PlaceErrors]:
+        """Draw the errors of some rows of the rails under one unit, which are passed at the same time."""
+        points = [view.points[rows] for view in unit]
+        return PointErrors(self.run, points[0], self.errors).places(*(each.arm for each in points))
 
     def _turning(self, rows: slice, step_m: float) -> Array:
         """Return the sigma of the heading by what the gyro's noise turns units far from it within the fitted slope,

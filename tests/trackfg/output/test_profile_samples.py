@@ -58,7 +58,7 @@ def test_place_between_exact_keyframes_is_a_clamped_beam(name: str) -> None:
 
     Its first three modes hold 98 % of the variance in the middle, and less near the ends, where there is little.
     """
-    found = spread(PointErrors(RUN, points(FRACTION), drawn()).places(), name)
+    found = spread(PointErrors(RUN, points(FRACTION), drawn()).places()[0], name)
     exact = ACCEL * INTERVAL_S**1.5 * np.sqrt((FRACTION * (1.0 - FRACTION)) ** 3 / 3.0)
     assert found[[0, -1]].max() < 1e-3 * exact.max()
     np.testing.assert_allclose(found[2:5], exact[2:5], rtol=0.03 + TOLERANCE)
@@ -92,7 +92,7 @@ def test_errors_of_the_keyframes_are_carried_by_the_cubic() -> None:
     tangents = np.zeros((KEYFRAMES, KEYFRAME_DIM + SHARED_DIM, COUNT))
     tangents[:, NAV + 3 : NAV + 6] = sd_p * rng.standard_normal((KEYFRAMES, 3, COUNT))
     tangents[:, NAV + 6 : NAV + 9] = sd_v * rng.standard_normal((KEYFRAMES, 3, COUNT))
-    found = PointErrors(SILENT, points(FRACTION), drawn(tangents)).places()
+    found = PointErrors(SILENT, points(FRACTION), drawn(tangents)).places()[0]
     f, T = FRACTION, INTERVAL_S
     variance = sd_p**2 * ((1 - 3 * f**2 + 2 * f**3) ** 2 + (3 * f**2 - 2 * f**3) ** 2)
     variance += sd_v**2 * T**2 * ((f - 2 * f**2 + f**3) ** 2 + (f**3 - f**2) ** 2)
@@ -119,7 +119,7 @@ def test_place_below_the_sensor_swings_with_its_attitude() -> None:
     tangents = np.zeros((KEYFRAMES, KEYFRAME_DIM + SHARED_DIM, COUNT))
     ahead = np.array([np.cos(AHEAD), np.sin(AHEAD), 0.0])
     tangents[:, NAV : NAV + 3] = (states().nav.R[0].T @ ahead)[:, None] * roll
-    found = PointErrors(SILENT, points(FRACTION, arm=np.array([0.0, 0.0, 2.0])), drawn(tangents)).places()
+    found = PointErrors(SILENT, points(FRACTION, arm=np.array([0.0, 0.0, 2.0])), drawn(tangents)).places()[0]
     # The point is the sensor's place less the arm, and the arm turns: -(phi x 2 up) = 2 phi to the left.
     np.testing.assert_allclose(found.lateral, np.tile(2.0 * roll[:, None], (1, len(FRACTION))), atol=1e-9)
     np.testing.assert_allclose(found.height, 0.0, atol=1e-9)
@@ -148,7 +148,7 @@ def errors_in_a_curve(turned: float, longer: float) -> PlaceErrors:
     left = np.stack([-np.sin(here), np.cos(here), np.zeros(len(here))], axis=1)
     on_curve = Points(k, ON_CURVE_M / 20.0 - k, left, left, np.zeros((len(here), 3)))
     errors = PosteriorErrors.of(curve, samples, np.random.default_rng(0))
-    return PointErrors(SILENT, on_curve, errors).places()
+    return PointErrors(SILENT, on_curve, errors).places()[0]
 
 
 def test_turning_the_whole_path_changes_its_lateral_profile_by_a_straight_line_at_most() -> None:
