@@ -22,7 +22,7 @@ import numpy as np
 from trackfg.factors.factor_type import FactorType
 from trackfg.factors.linear import LinearFactors, Slot, first_keyframe, last_keyframe
 from trackfg.factors.loss import Loss, SwitchChain
-from trackfg.factors.states import Kind, States, Value
+from trackfg.factors.states import States, Value
 from trackfg.factors.switching import OUTLIER_SIGMAS
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.kernels import compiled_kernels, kernel_argument
@@ -91,15 +91,14 @@ class Family(Outlined):
             if len(given) != m or not _finite(given):
                 raise ValueError(f"{self.name}: measurements must be finite, {m} rows; got shape {given.shape}")
         for slot in self.slots:
-            self._check_array(slot.kind, slot.index)
+            self._check_array(f"slot {slot.kind.name}", slot.index)
             if slot.index.shape != (m,):
                 raise ValueError(f"{self.name}: slot {slot.kind.name} has {slot.index.shape}, expected ({m},)")
         self._check_sigma()
 
-    def _check_array(self, what: str | Kind, given: object) -> None:
+    def _check_array(self, what: str, given: object) -> None:
         if not isinstance(given, np.ndarray):
-            called = f"slot {what.name}" if isinstance(what, Kind) else what
-            raise TypeError(f"{self.name}: {called} is a {type(given).__name__}; expected an array of numpy")
+            raise TypeError(f"{self.name}: {what} is a {type(given).__name__}; expected an array of numpy")
 
     def _check_sigma(self) -> None:
         if self.sigma.ndim != 2 or not (_finite(self.sigma) and (self.sigma > 0).all()):

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from robustness.scores import rigidly_fitted
+from robustness.scores import plan_error
 from trackfg.baselines import dead_reckoning
 from trackfg.datasets.real import wid
 from trackfg.evaluation.scores import rms
@@ -19,6 +19,7 @@ from trackfg.smoothing.smoother import smooth
 TRIALS = ("trial02", "trial04", "trial08", "trial09", "trial10")
 """Those with both rear wheels, but trial06, whose positions jump by metres."""
 _MOVES_MPS = 0.2
+"""Rows at rest show no path."""
 _STEP_S = 0.1
 _FIRST_S, _LAST_S = -5.0, 40.0
 """The receiver's record begins so long before the inertial sensors', s."""
@@ -84,8 +85,7 @@ def _error(trajectory: pd.DataFrame, reference: pd.DataFrame) -> float:
         known = np.isfinite(true)
         if known.mean() < _COVERED:
             return np.inf
-        true = true[known]
-        return rms(np.abs(rigidly_fitted(place[known], true) - (true - true.mean())))
+        return rms(plan_error(place[known], true[known]))
 
     rough = min(np.arange(_FIRST_S, _LAST_S, _STEP_S).tolist(), key=speeds_apart)
     return min(error(shift_s) for shift_s in np.arange(rough - _FINE_S, rough + _FINE_S, 0.05).tolist())

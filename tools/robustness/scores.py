@@ -169,8 +169,14 @@ def _plan_errors(trajectory: pd.DataFrame, truth: pd.DataFrame) -> pd.DataFrame:
     estimate = inside["east_m"].to_numpy() + 1j * inside["north_m"].to_numpy()
     t = inside["t_s"].to_numpy()
     true = np.interp(t, clock, truth["east_m"]) + 1j * np.interp(t, clock, truth["north_m"])
-    error = rigidly_fitted(estimate, true) - (true - true.mean())
-    return pd.DataFrame({"t_s": t, "plan_m": np.abs(error), "plan_m_sd": np.nan})
+    return pd.DataFrame({"t_s": t, "plan_m": plan_error(estimate, true), "plan_m_sd": np.nan})
+
+
+def plan_error(estimate: Array, true: Array) -> Array:
+    """Return how far points of the complex plane (n,) are from the true ones (n,) after the rotation and the shift that
+    make it least.
+    """
+    return np.asarray(np.abs(rigidly_fitted(estimate, true) - (true - true.mean())))
 
 
 def rigidly_fitted(estimate: Array, true: Array) -> Array:

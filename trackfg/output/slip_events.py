@@ -111,7 +111,7 @@ def wheel_excess(
 
 
 def slip_events(sources: EventSources, states: States, covariance: Covariance, grown: Excess | None) -> list[SlipEvent]:
-    """Return slips and slides in order of time, from what the wheel's excess has ``grown``; none without a tach."""
+    """Return slips and slides in order of time; none without a tach. ``grown`` is the run's :func:`wheel_excess`."""
     wheel, rolled = sources.wheel, sources.family(FactorType.TACH_DISTANCE)
     if wheel is None or rolled is None or grown is None:
         return []

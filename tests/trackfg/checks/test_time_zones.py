@@ -33,7 +33,7 @@ def test_clocks_that_begin_somewhere_else_are_of_no_zone() -> None:
 
 
 def clocks_apart(imu_s: np.ndarray, gnss_s: np.ndarray) -> list[tuple[str, str]]:
-    """Levels and hints of what is said of a GNSS receiver's times beside those of an IMU at rest."""
+    """Level and hint of each finding ``clocks-apart``, of GNSS positions at these times beside an IMU at rest."""
     imu = Imu(file="imu.csv", gyro=("a", "b", "c"), accel=("d", "e", "f"))
     gnss = Gnss(file="gnss.csv", position=("a", "b", "c"), sd=("d", "e", "f"))
     noise = 0.001 * np.random.default_rng(1).standard_normal((len(imu_s), 6))

@@ -86,11 +86,11 @@ _COLON_BEFORE_MS = re.compile(r"(\d:\d{2}:\d{2}):(\d{3})$")
 _LEAST_RANGE = 256
 """That of a counter of 8 bit: what starts again after less may as well be a vehicle that turns round."""
 _FASTER = 3.0
-"""Times the largest other step by which a count goes on over the end of its range: rows may be lost there."""
+"""Largest step across a wrap, in units of the largest other step: rows may be missing there."""
 _FEWEST_TURNS = 3
 _LEAST_TURN = 16
 _SURE = 1e-3
-"""Error of the end of a count of each turn, as a share of it, that is small beside that of a wheel's diameter."""
+"""Relative error of the modulus of a turn's count that is small beside that of a wheel's diameter."""
 _OF_AN_HOUR = r"(\d{1,2}):([0-5]\d\.\d+)"
 """Minutes and seconds, as a spreadsheet shows times with fractions by default (``mm:ss.0``): the hour is lost."""
 _HOUR_S = 3_600
@@ -338,12 +338,12 @@ def gps_ns(seconds: Array) -> np.ndarray:
 
 
 def unwrapped(count: Array, wraps_at: float | None = None) -> Array:
-    """Return a counter (n,) that goes on where it starts again.
+    """Return a counter (n,) unwrapped.
 
-    ``wraps_at``: the first value that it does not reach; by default the end of its range where it goes on there as fast
-    as elsewhere, else nothing is undone. The end is the next power of two or ten above its largest value, or follows
-    that value where it starts again there time and again, as a count of each turn does. A counter that runs back, too,
-    starts again at either end of its range.
+    ``wraps_at`` is its modulus; by default the first of these with which the steps across the wraps are like the other
+    steps, else the counter stays as it is: the next power of two or ten above its largest value, and, where it wraps
+    many times, as one of each turn does, its largest value plus one. A counter that also runs backwards is unwrapped at
+    both ends of its range.
     """
     falls = np.flatnonzero(np.diff(count) < 0)
     if wraps_at is None and count.size > 1:
@@ -353,8 +353,8 @@ def unwrapped(count: Array, wraps_at: float | None = None) -> Array:
     if falls.size == 0:
         return count
     if wraps_at is None:
-        ends = [_end_of_range(count), *_end_of_turns(count, falls)]
-        wraps_at = next((end for end in ends if _goes_on(count, falls, end)), None)
+        moduli = [_end_of_range(count), *_modulus_of_turns(count, falls)]
+        wraps_at = next((modulus for modulus in moduli if _is_modulus(count, falls, modulus)), None)
         if wraps_at is None:
             return count
     turns = np.zeros(count.size)
@@ -362,22 +362,23 @@ def unwrapped(count: Array, wraps_at: float | None = None) -> Array:
     return np.asarray(count + np.cumsum(turns) * wraps_at)
 
 
-def _goes_on(count: Array, falls: np.ndarray, end: float) -> bool:
-    """Return whether a counter (n,) goes on as fast as elsewhere after rows ``falls``, if its range ends there."""
+def _is_modulus(count: Array, falls: np.ndarray, modulus: float) -> bool:
+    """Return whether the steps of a counter (n,) across its wraps, after rows ``falls``, are like its other steps."""
     steps = np.diff(count)
-    usual, across = float(steps.max()), steps[falls] + end
-    return bool(across.min() >= 0.0 and max(usual, across.max()) < 0.5 * end and across.max() <= _FASTER * usual)
+    usual, across = float(steps.max()), steps[falls] + modulus
+    return bool(across.min() >= 0.0 and max(usual, across.max()) < 0.5 * modulus and across.max() <= _FASTER * usual)
 
 
-def _end_of_turns(count: Array, falls: np.ndarray) -> list[float]:
-    """Return the end of a counter (n,) of each turn, say of 360, after its largest value; none where that is not sure.
+def _modulus_of_turns(count: Array, falls: np.ndarray) -> list[float]:
+    """Return the modulus of a counter (n,) of each turn, such as 360: its largest value plus one.
 
-    The largest of many values before rows ``falls`` is a small part of a step below the true one.
+    Of many values before the wraps, after rows ``falls``, the largest is below the true one by a small part of a step;
+    none is returned where there are too few.
     """
-    end = float(count.max()) + 1.0
+    modulus = float(count.max()) + 1.0
     whole = bool((count == np.floor(count)).all())
-    sure = falls.size >= _FEWEST_TURNS and float(np.diff(count).max()) < _SURE * falls.size * end
-    return [end] if whole and sure and end >= _LEAST_TURN else []
+    sure = falls.size >= _FEWEST_TURNS and float(np.diff(count).max()) < _SURE * falls.size * modulus
+    return [modulus] if whole and sure and modulus >= _LEAST_TURN else []
 
 
 def _end_of_range(count: Array) -> float:
