@@ -185,8 +185,9 @@ class ImuClock:
             self._refuse_rivals(report)
 
     def _continues(self, rows: list[Array], row: Array) -> bool:
+        """Return whether a row belongs to ``rows``, of which the last ones may be late by the hold time."""
         newest = max((float(other[0, 0]) for other in rows[-2:]), default=np.inf)
-        return bool(abs(row[0, 0] - newest) <= self.limits.step_s)
+        return bool(abs(row[0, 0] - newest) <= self.limits.step_s + self.limits.hold_s)
 
     def _settles(self) -> bool:
         first, last = self.quarantined[0][0, 0], self.quarantined[-1][0, 0]
