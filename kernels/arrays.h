@@ -108,6 +108,8 @@ PyObject *step_from(PyObject *, PyObject *arguments);
 PyObject *quantities(PyObject *, PyObject *arguments);
 PyObject *trajectory_rows(PyObject *, PyObject *arguments);
 PyObject *hermite_at(PyObject *, PyObject *arguments);
+PyObject *add_weighted_rows(PyObject *, PyObject *arguments);
+PyObject *add_up_rows(PyObject *, PyObject *arguments);
 PyObject *switch_chain(PyObject *, PyObject *arguments);
 PyObject *cauchy_fit(PyObject *, PyObject *arguments);
 PyObject *spill(PyObject *, PyObject *arguments);

@@ -27,6 +27,8 @@ static PyMethodDef methods[] = {
     {"quantities", quantities, METH_VARARGS, "Differentiate what a trajectory tells."},
     {"trajectory_rows", trajectory_rows, METH_VARARGS, "Compute rows of a trajectory with their sigmas."},
     {"hermite_at", hermite_at, METH_VARARGS, "Evaluate cubics."},
+    {"add_weighted_rows", add_weighted_rows, METH_VARARGS, "Add weighted sums of rows."},
+    {"add_up_rows", add_up_rows, METH_VARARGS, "Make running sums of rows."},
     {"switch_chain", switch_chain, METH_VARARGS, "Find the states of a chain of switches."},
     {"cauchy_fit", cauchy_fit, METH_VARARGS, "Fit coefficients by robust least squares."},
     {"spill", spill, METH_VARARGS, "Lay large arrays beyond a budget into a file."},
@@ -41,7 +43,7 @@ static PyModuleDef definition = {
 PyMODINIT_FUNC PyInit_compiled() {
     PyObject *module = PyModule_Create(&definition);
     // Raised by one whenever a function's arguments change, so that a build of older sources is not called.
-    if (module != nullptr && (PyModule_AddIntConstant(module, "REVISION", 17) != 0 ||
+    if (module != nullptr && (PyModule_AddIntConstant(module, "REVISION", 18) != 0 ||
                               PyModule_AddIntConstant(module, "DELTA_SIZE", DELTA_SIZE) != 0)) {
         Py_DECREF(module);
         return nullptr;

@@ -446,13 +446,13 @@ _OUTPUT = (
         "trackfg/output/profile_samples.py",
         ("tests/trackfg/output/test_profile_samples.py",),
         (
-            _one("the accelerometer's noise grows with the interval as the gyro's does", "span**1.5", "span**0.5"),
-            _one("a point below swings the other way", "position - self._turned", "position + self._turned"),
-            _one("a bridge has one end only", "- f * pins[k + 1]", "- 0 * pins[k + 1]"),
+            _one("the accelerometer's noise grows with the interval as the gyro's does", "_span**1.5", "_span**0.5"),
+            _one("a point below swings the other way", "cross(arm, direction)", "cross(direction, arm)"),
+            _one("a bridge has one end only", "fraction - 1.0, -fraction]", "fraction - 1.0, 0 * fraction]"),
             _one(
                 "a path that is turned as a whole seems to bend",
-                "across + bent + left_shaken",
-                "across + left_shaken",
+                "np.add(ahead[1:], ahead[:-1], out=bent[1:])",
+                "pass",
             ),
         ),
     ),

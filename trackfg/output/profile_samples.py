@@ -3,11 +3,15 @@
 The keyframes' errors as they belong together come from :func:`trackfg.solver.covariance.posterior_samples`; between
 keyframes the white noise of the inertial samples is added, pinned at both ends. An operator applied to the samples has
 its sigma as their spread, whatever its extent.
+
+The error of a point is linear in what is drawn: a sum of a few rows of samples, those of the keyframes on either side
+and of the noise in between, each times a weight.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -16,6 +20,8 @@ from trackfg.factors.states import Kind, States, offset_in_keyframe
 from trackfg.graph.run_context import RunContext
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.hermite import hermite_weights
+from trackfg.numerics.rotations import cross
+from trackfg.numerics.sums_of_rows import add_up_rows, add_weighted_rows
 
 _BEAM_MODES = np.array([4.730040744862704, 7.853204624095838, 10.995607838001671])
 
@@ -57,15 +63,13 @@ class AngleErrors(NamedTuple):
 
 @dataclass(frozen=True)
 class PosteriorErrors:
-    """Samples of the keyframes' errors in n: position, velocity, attitude (n, 3, count).
+    """Samples of the keyframes' errors in n: ``nav`` (n, 3, 3, count), of attitude, position and velocity.
 
     The noise in between has normal draws for the beam's modes (n - 1, 2, modes, count) and where the bridges are drawn
     from.
     """
 
-    position: Array
-    velocity: Array
-    attitude: Array
+    nav: Array
     beam: Array
     rng: np.random.Generator
 
@@ -74,9 +78,56 @@ class PosteriorErrors:
         """Turn samples of the keyframes' tangents (n, KEYFRAME_DIM, count) into errors in n."""
         at = offset_in_keyframe(Kind.NAV)
         n, _, count = samples.shape
-        attitude, position, velocity = (states.nav.R @ samples[:, at + i : at + i + 3] for i in (0, 3, 6))
-        beam = rng.standard_normal((n - 1, 2, len(_BEAM_MODES), count))
-        return cls(position, velocity, attitude, beam, rng)
+        nav = np.empty((n, 3, 3, count))
+        for i in range(3):
+            np.matmul(states.nav.R, samples[:, at + 3 * i : at + 3 * i + 3], out=nav[:, i])
+        return cls(nav, rng.standard_normal((n - 1, 2, len(_BEAM_MODES), count)), rng)
+
+    @property
+    def count(self) -> int:
+        """The number of samples."""
+        return int(self.nav.shape[-1])
+
+
+class Shifts(NamedTuple):
+    """Errors of places in three directions: ``up``, and to the ``left`` and ``ahead`` of the path, each (m, count), m.
+
+    ``shaken`` is what the accelerometer's noise between keyframes adds to the left.
+    """
+
+    up: Array
+    left: Array
+    ahead: Array
+    shaken: Array
+
+    @classmethod
+    def none(cls, places: int, count: int) -> Shifts:
+        """Return no errors of so many places, which others may be added to."""
+        return cls(*np.zeros((4, places, count)))
+
+    def along(self, left: Array) -> PlaceErrors:
+        """Return the errors as those of a path, of which ``left`` (m, 3) is the horizontal direction to its left.
+
+        The heading of a path errs by ``d(across)/dx + curvature * ahead``: a path that is turned as a whole stays the
+        same.
+        """
+        across, ahead = self.left, self.ahead
+        turn = np.diff(np.unwrap(np.arctan2(-left[:, 0], left[:, 1])))[:, None]
+        # A curve seems to bend less by as much as its length seems longer.
+        longer = np.zeros_like(ahead)
+        np.subtract(ahead[1:], ahead[:-1], out=longer[1:])
+        longer[1:] -= 0.5 * turn * (across[1:] + across[:-1])
+        longer[1:] *= -turn
+        turned_less = add_up_rows(longer)
+        bent = np.zeros_like(ahead)
+        np.add(ahead[1:], ahead[:-1], out=bent[1:])
+        bent[1:] *= turn
+        bent[1:] += turned_less[1:] + turned_less[:-1]
+        bent *= 0.5
+        lateral = add_up_rows(bent)
+        lateral += across
+        lateral += self.shaken
+        return PlaceErrors(*(np.ascontiguousarray(errors.T) for errors in (self.up, lateral, turned_less)))
 
 
 class PointErrors:
@@ -90,79 +141,73 @@ class PointErrors:
     def __init__(self, run: RunContext, points: Points, errors: PosteriorErrors) -> None:
         self._run, self._points, self._errors = run, points, errors
         self._bridges = _Bridges(run.t, points.keyframe, points.fraction)
-        f, a = points.fraction[:, None, None], errors.attitude
-        self._tilted = (1.0 - f) * a[points.keyframe] + f * a[points.keyframe + 1]
+        k, self._fraction = points.keyframe[:, None], points.fraction[:, None]
+        self._span = np.diff(run.t)[k]
+        # Keyframe after keyframe, and of each attitude, position and velocity.
+        self._of_keyframes = errors.nav.reshape(-1, errors.count), 9 * k + np.arange(18)
+        self._up = np.broadcast_to([0.0, 0.0, 1.0], points.left.shape)
 
-    def places(self, *arms: Array) -> list[PlaceErrors]:
-        """Draw the errors of the points: the IMU's position less the arm, which turns with the attitude.
+    def places(self) -> PlaceErrors:
+        """Draw the errors of the points."""
+        shifts = Shifts.none(len(self._points.keyframe), self._errors.count)
+        self.add_to(shifts, self._points.arm)
+        return shifts.along(self._points.left)
+
+    def add_to(self, shifts: Shifts, arm: Array, share: float = 1.0) -> None:
+        """Add a share of the points' errors: of the IMU's position less the ``arm`` (m, 3), which turns with the
+        attitude.
 
         Points that are passed at the same time, such as both rails under one unit, differ in nothing but their arm:
-        there is one list entry for each of the ``arms`` (m, 3), the points' own by default, and what is drawn is the
-        same for all.
+        what is drawn is the same for all.
         """
-        run, errors, k, left = self._run, self._errors, self._points.keyframe, self._points.left
-        arms = arms or (self._points.arm,)
-        turned = self._turned() if any(arm.any() for arm in arms) else None
-        span, f = np.diff(run.t)[k][:, None], self._points.fraction[:, None]
-        w0, w1, u0, u1 = (weight[:, :, None] for weight in hermite_weights(f, span))
-        p, v = errors.position, errors.velocity
-        moved = w0 * p[k] + w1 * p[k + 1] + u0 * v[k] + u1 * v[k + 1]
-        up = np.broadcast_to([0.0, 0.0, 1.0], left.shape)
-        directions = up, left, np.cross(left, up)
-        positions = [np.einsum("mi,mis->ms", direction, moved) for direction in directions]
-        beam = span**1.5 * _beam(self._points.fraction)
-
-        def shaken(axis: int, direction: int) -> Array:
-            modes = run.noise.accel[k, axis, None] * beam
-            return np.asarray(np.einsum("mi,mis->ms", modes, errors.beam[k, direction]))
-
-        up_shaken, left_shaken = shaken(2, 0), shaken(1, 1)
-        # The heading of the path errs by d(across)/dx + curvature * ahead: a path that is turned as a whole stays the
-        # same.
-        turn = np.diff(np.unwrap(np.arctan2(directions[2][:, 1], directions[2][:, 0])))[:, None]
-
-        def at_arm(arm: Array) -> PlaceErrors:
-            def at_point(position: Array, direction: Array) -> Array:
-                if turned is None:
-                    return position
-                lever = np.cross(arm, direction)
-                return np.asarray(position - self._turned_about(lever) - np.einsum("mi,ims->ms", lever, turned))
-
-            height, across, ahead = (at_point(*both) for both in zip(positions, directions, strict=True))
-            bent = _summed(0.5 * turn * (ahead[1:] + ahead[:-1]))
-            # A curve seems to bend less by as much as its length seems longer.
-            stretched = np.diff(ahead, axis=0) - 0.5 * turn * (across[1:] + across[:-1])
-            turned_less = -_summed(turn * stretched)
-            bent += _summed(0.5 * (turned_less[1:] + turned_less[:-1]))
-            return PlaceErrors((height + up_shaken).T, (across + bent + left_shaken).T, turned_less.T)
-
-        return [at_arm(arm) for arm in arms]
-
-    def _turned(self) -> Array:
-        """Draw what the gyro's white noise turns between keyframes, about each axis of n: (3, m, count)."""
-        noisiest = int(np.argmax(self._run.noise.gyro[self._points.keyframe].sum(axis=0)))
-        return np.stack([self._noise(noisiest) for _ in range(3)])
+        left, f = self._points.left, self._fraction
+        w0, w1, u0, u1 = hermite_weights(f, self._span)
+        directions = (shifts.up, self._up), (shifts.left, left), (shifts.ahead, cross(left, self._up))
+        for out, direction in directions:
+            lever = cross(arm, direction)
+            carried = [-(1.0 - f) * lever, w0 * direction, u0 * direction, -f * lever, w1 * direction, u1 * direction]
+            rows, index = self._of_keyframes
+            add_weighted_rows(rows, index, share * np.concatenate(carried, axis=1), out)
+            if arm.any():
+                for walk, weight in zip(self._turned, -share * lever.T, strict=True):
+                    self._add_noise(walk, self._noisiest, weight, out)
+        beam, modes = self._errors.beam.reshape(-1, self._errors.count), np.arange(len(_BEAM_MODES))
+        shapes = share * self._span**1.5 * _beam(self._points.fraction)
+        for out, axis, plane in ((shifts.up, 2, 0), (shifts.shaken, 1, 1)):
+            of_interval = modes + len(modes) * (2 * self._points.keyframe[:, None] + plane)
+            density = self._run.noise.accel[self._points.keyframe, axis, None]
+            add_weighted_rows(beam, of_interval, density * shapes, out)
 
     def angles(self) -> AngleErrors:
         """Draw the errors of the points' attitude."""
-        up = np.broadcast_to([0.0, 0.0, 1.0], self._points.axle.shape)
-        heading = self._turned_about(up) + self._noise(2)
-        tilt = self._turned_about(np.cross(self._points.axle, up)) + self._noise(0)  # d(axle) = phi x axle
-        return AngleErrors(heading.T, tilt.T)
+        heading = self._turned_about(self._up, noise_axis=2)
+        tilt = self._turned_about(cross(self._points.axle, self._up), noise_axis=0)  # d(axle) = phi x axle
+        return AngleErrors(np.ascontiguousarray(heading.T), np.ascontiguousarray(tilt.T))
 
-    def _turned_about(self, direction: Array) -> Array:
-        """Return the error of the attitude about a direction (m, 3), carried from the keyframes. (m, count)"""
-        return np.asarray(np.einsum("mi,mis->ms", direction, self._tilted))
+    @cached_property
+    def _turned(self) -> list[Array]:
+        """What the gyro's white noise turns between keyframes, about each axis of n."""
+        return [self._bridges.drawn(self._errors) for _ in range(3)]
 
-    def _noise(self, axis: int) -> Array:
-        """Draw what the gyro's white noise adds between keyframes about an axis. (m, count)"""
-        density = self._run.noise.gyro[self._points.keyframe, axis, None]
-        return np.asarray(density * self._bridges.drawn(self._errors.attitude.shape[2], self._errors.rng))
+    @cached_property
+    def _noisiest(self) -> int:
+        return int(np.argmax(self._run.noise.gyro[self._points.keyframe].sum(axis=0)))
 
+    def _turned_about(self, direction: Array, noise_axis: int) -> Array:
+        """Draw the error of the attitude about a direction (m, 3), carried from the keyframes, with what the gyro's
+        white noise about an axis adds. (m, count)
+        """
+        out = np.zeros((len(direction), self._errors.count))
+        rows, index = self._of_keyframes
+        weights = np.column_stack([(1.0 - self._fraction) * direction, self._fraction * direction])
+        add_weighted_rows(rows, index[:, [0, 1, 2, 9, 10, 11]], weights, out)
+        self._add_noise(self._bridges.drawn(self._errors), noise_axis, np.ones(len(direction)), out)
+        return out
 
-def _summed(steps: Array) -> Array:
-    """Return running sums of steps (m - 1, count) from zero on. Shape (m, count)."""
-    return np.vstack([np.zeros((1, steps.shape[1])), np.cumsum(steps, axis=0)])
+    def _add_noise(self, walk: Array, axis: int, weight: Array, out: Array) -> None:
+        """Add a walk as what the gyro's white noise about an axis adds between keyframes, times a weight (m,)."""
+        density = self._run.noise.gyro[self._points.keyframe, axis]
+        add_weighted_rows(walk, self._bridges.index, (density * weight)[:, None] * self._bridges.weights, out)
 
 
 def _beam(f: Array) -> Array:
@@ -176,19 +221,24 @@ def _beam(f: Array) -> Array:
 class _Bridges:
     """Brownian motion of unit density at ``fraction`` (m,) of the intervals after ``keyframe`` (m,), pinned at every
     keyframe; ``t`` (n,): their times, s.
+
+    It is a walk at keyframes and points in order of time, of whose rows those at ``index`` (m, 3), times ``weights``
+    (m, 3), are a bridge.
     """
 
     def __init__(self, t: Array, keyframe: np.ndarray, fraction: Array) -> None:
         low, high = keyframe.min(), keyframe.max() + 2
         times = np.concatenate([t[low:high], t[keyframe] + fraction * np.diff(t)[keyframe]])
-        self._order = np.argsort(times, kind="stable")
-        self._step_sd = np.sqrt(np.diff(times[self._order], prepend=times[self._order[0]]))
-        self._pins, self._interval, self._fraction = high - low, keyframe - low, fraction[:, None]
+        order = np.argsort(times, kind="stable")
+        self._step_sd = np.sqrt(np.diff(times[order], prepend=times[order[0]]))
+        row = np.empty_like(order)
+        row[order] = np.arange(len(order))
+        k, pins = keyframe - low, row[: high - low]
+        self.index = np.column_stack([row[high - low :], pins[k], pins[k + 1]])
+        self.weights = np.column_stack([np.ones(len(k)), fraction - 1.0, -fraction])
 
-    def drawn(self, count: int, rng: np.random.Generator) -> Array:
-        """Draw some of them, (m, count)."""
-        steps = self._step_sd[:, None] * rng.standard_normal((len(self._order), count))
-        free = np.empty_like(steps)
-        free[self._order] = np.cumsum(steps, axis=0, out=steps)
-        pins, k, f = free[: self._pins], self._interval, self._fraction
-        return np.asarray(free[self._pins :] - (1.0 - f) * pins[k] - f * pins[k + 1])
+    def drawn(self, errors: PosteriorErrors) -> Array:
+        """Draw as many walks as there are samples of the errors, (rows, count)."""
+        steps = errors.rng.standard_normal((len(self._step_sd), errors.count))
+        steps *= self._step_sd[:, None]
+        return add_up_rows(steps)

@@ -9,10 +9,10 @@ once, the longest pass counts.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
-from itertools import groupby
-from typing import TypeVar
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from itertools import chain, groupby
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 import pandas as pd
@@ -27,16 +27,19 @@ from trackfg.geometry.versines import versine
 from trackfg.graph.run_context import RunContext
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.blas_threads import ThreadBeside
-from trackfg.output.profile_samples import PlaceErrors, PointErrors, PosteriorErrors
+from trackfg.output.profile_samples import PointErrors, PosteriorErrors, Shifts
 from trackfg.output.profiles import Profile, Shapes, View
 from trackfg.output.trajectory import keyframe_variances
 from trackfg.results.columns import GEOMETRY_COLUMNS, RAIL_COLUMNS
 from trackfg.results.summary import GeometryConventions
-from trackfg.sensors.displacement import SIDES
+from trackfg.sensors.displacement import SIDES, Side
 from trackfg.solver.covariance import Covariance, posterior_samples
 from trackfg.solver.square_root import SquareRoot
 
 _Item = TypeVar("_Item")
+
+Lines = Mapping[str, tuple[Array, Array]]
+"""Heights and lateral positions (..., n) of lines that are taken to bands, by the ends of their columns' names."""
 
 _SAMPLES = 64
 """Draws of the posterior error: a sigma from n draws errs by ``1 / sqrt(2 n)``, 9 %."""
@@ -96,6 +99,13 @@ def reach_m(meaning: GeometryConventions) -> float:
     return max(band, meaning.twist_base_m, 0.5 * meaning.gradient_base_m, meaning.chord_m)
 
 
+class _Drawn(NamedTuple):
+    """Samples of the errors of shapes and of lines, (count, n) each."""
+
+    shapes: Shapes
+    lines: Lines
+
+
 @dataclass(frozen=True)
 class _Columns:
     """The columns of one pass."""
@@ -113,7 +123,9 @@ class _Columns:
     def all(self) -> dict[str, Array]:
         profile, step = self.profile, self.meaning.step_m
         place = {"chainage_m": profile.cell * step, "speed_mps": profile.speed}
-        values = self._points(profile.shapes, step) | self._bands(profile.shapes, step)
+        shapes = profile.shapes
+        lines = {"": (shapes.height, shapes.lateral)} | {f"_{side}": rail for side, rail in shapes.rails.items()}
+        values = dict([*self._points(shapes, step), *self._bands(lines, step)])
         sigmas = {**self._sampled(), **self._marginal()}
         if profile.shapes.rails:
             short = np.sqrt(_averaged((1e-3 * values["alignment_mm"]) ** 2, step, _TYPICAL_M))
@@ -127,31 +139,32 @@ class _Columns:
         sd_columns = {f"{name}_sd": np.where(np.isnan(columns[name]), np.nan, sd) for name, sd in sigmas.items()}
         return columns | sd_columns
 
-    def _points(self, shapes: Shapes, step_m: float) -> dict[str, Array]:
-        """Return the quantities of one place or a few, in the columns' units, from shapes (..., n)."""
+    def _points(self, shapes: Shapes, step_m: float) -> Iterator[tuple[str, Array]]:
+        """Yield the quantities of one place or a few, in the columns' units, from shapes (..., n)."""
         meaning = self.meaning
-        half, cross_level = 0.5 * meaning.chord_m, meaning.cross_level_base_m * shapes.tilt
-        columns = {
-            "curvature_1pm": curvature(shapes.heading, step_m, meaning.curvature_base_m),
-            "gradient_permille": 1e3 * gradient(shapes.height, step_m, meaning.gradient_base_m),
-            "cross_level_mm": 1e3 * cross_level,
-            "twist_mm": 1e3 * twist(cross_level, step_m, meaning.twist_base_m, meaning.twist_anchor),
-            "versine_level_mm": 1e3 * versine(shapes.height, step_m, half, half),
-            "versine_alignment_mm": 1e3 * versine(shapes.lateral, step_m, half, half),
-        }
+        half = 0.5 * meaning.chord_m
+        yield "curvature_1pm", curvature(shapes.heading, step_m, meaning.curvature_base_m)
+        yield "gradient_permille", 1e3 * gradient(shapes.height, step_m, meaning.gradient_base_m)
+        cross_level = meaning.cross_level_base_m * shapes.tilt
+        yield "cross_level_mm", 1e3 * cross_level
+        yield "twist_mm", 1e3 * twist(cross_level, step_m, meaning.twist_base_m, meaning.twist_anchor)
+        yield "versine_level_mm", 1e3 * versine(shapes.height, step_m, half, half)
+        yield "versine_alignment_mm", 1e3 * versine(shapes.lateral, step_m, half, half)
         if shapes.gauge is not None:
-            columns["gauge_mm"] = 1e3 * shapes.gauge
-        return columns
+            yield "gauge_mm", 1e3 * shapes.gauge
 
-    def _bands(self, shapes: Shapes, step_m: float) -> dict[str, Array]:
-        """Return level and alignment in the band of wavelengths, of the centre line and of each rail."""
+    def _bands(self, lines: Lines, step_m: float) -> Iterator[tuple[str, Array]]:
+        """Yield level and alignment in the band of wavelengths, of lines with height and lateral position (..., n).
+
+        Where there is no centre line it is the mean of both rails, and so is its band.
+        """
         band = Band(*self.meaning.band_m)
-        lines = {"": (shapes.height, shapes.lateral)} | {f"_{side}": both for side, both in shapes.rails.items()}
-        columns: dict[str, Array] = {}
-        for name, (height, lateral) in lines.items():
-            columns[f"level{name}_mm"] = 1e3 * band_pass(height, step_m, band)
-            columns[f"alignment{name}_mm"] = 1e3 * band_pass(lateral, step_m, band)
-        return columns
+        for i, quantity in enumerate(("level", "alignment")):
+            bands = {name: 1e3 * band_pass(line[i], step_m, band) for name, line in lines.items()}
+            yield from ((f"{quantity}{name}_mm", values) for name, values in bands.items())
+            if "" not in bands:
+                left, right = bands.values()
+                yield f"{quantity}_mm", 0.5 * (left + right)
 
     def _marginal(self) -> dict[str, Array]:
         view = self.profile.views[0]
@@ -173,16 +186,16 @@ class _Columns:
         # On the coarser grid white noise would look denser by the stride to a filter.
         below = self.profile.views[0].below * every**-0.5
         spans = [(max(0, start - margin), start, min(total, start + chunk)) for start in range(0, total, chunk)]
-        drawn: Iterator[tuple[Shapes, Shapes]] = (
-            self._drawn(slice(low * every, (min(total, end + margin) - 1) * every + 1, every)) for low, _, end in spans
+        drawn: Iterator[_Drawn] = (
+            self._drawn(slice(low * every, (min(total, end + margin) - 1) * every + 1, every), below)
+            for low, _, end in spans
         )
         if len(spans) > 1:
             drawn = _made_ahead(drawn)
         parts: dict[str, list[Array]] = {}
-        for (low, start, end), (smooth, white) in zip(spans, drawn, strict=True):
-            columns = self._points(_sum(smooth, white, 1.0), step) | self._bands(_sum(smooth, white, below), step)
-            for name, samples in columns.items():
-                variance = _averaged(np.mean(samples**2, axis=0), step, _AVERAGED_M)
+        for (low, start, end), (shapes, lines) in zip(spans, drawn, strict=True):
+            for name, samples in chain(self._points(shapes, step), self._bands(lines, step)):
+                variance = _averaged(np.einsum("sm,sm->m", samples, samples) / len(samples), step, _AVERAGED_M)
                 parts.setdefault(name, []).append(variance[start - low : end - low])
         coarse = np.arange(0, rows, every)
         return {
@@ -199,49 +212,55 @@ class _Columns:
         limit = min(_COARSEST_M / meaning.step_m, 0.5 * apart)
         return max((n for n in range(1, common + 1) if common % n == 0 and n <= limit), default=1)
 
-    def _drawn(self, rows: slice) -> tuple[Shapes, Shapes]:
-        """Draw samples of the errors of some rows: those of the motion, and the white noise of displacement sensors."""
-        views, step = self.profile.views, rows.step * self.meaning.step_m
-        if views[0].side is None:
-            path = PointErrors(self.run, views[0].points[rows], self.errors)
-            (place,), angle = path.places(), path.angles()
-            nothing = np.zeros_like(place.height)
-            motion = Shapes(place.height, place.lateral, angle.tilt, angle.heading + place.turn / step)
-            return motion, Shapes(nothing, nothing, nothing, nothing)
-        units = groupby(views, key=lambda view: view.along_m)
-        moved = [errors for _, unit in units for errors in self._passed(tuple(unit), rows)]
+    def _drawn(self, rows: slice, below: float) -> _Drawn:
+        """Draw samples of the errors of some rows, with noise in the lines that is ``below`` times as large."""
+        step = rows.step * self.meaning.step_m
+        if self.profile.shapes.rails:
+            return self._drawn_rails(rows, step, below)
+        path = PointErrors(self.run, self.profile.views[0].points[rows], self.errors)
+        place, angle = path.places(), path.angles()
+        heading = angle.heading + place.turn / step
+        return _Drawn(Shapes(place.height, place.lateral, angle.tilt, heading), {"": (place.height, place.lateral)})
 
-        def rails(heights: list[Array], laterals: list[Array]) -> Shapes:
-            sides = {
-                side: tuple(
-                    np.mean([x for x, view in zip(values, views, strict=True) if view.side == side], axis=0)
-                    for values in (heights, laterals)
-                )
-                for side in SIDES
-            }
-            (z_left, u_left), (z_right, u_right) = sides["left"], sides["right"]
-            return Shapes(
-                height=0.5 * (z_left + z_right),
-                lateral=0.5 * (u_left + u_right),
-                tilt=(z_left - z_right) / self.meaning.tops_apart_m,
-                heading=np.gradient(0.5 * (u_left + u_right), step, axis=-1),
-                rails={"left": (z_left, u_left), "right": (z_right, u_right)},
-                gauge=u_left - u_right,
-            )
+    def _drawn_rails(self, rows: slice, step_m: float, below: float) -> _Drawn:
+        """Draw the errors of the motion, and add the white noise of the displacement sensors."""
+        views, rng, left = self.profile.views, self.errors.rng, self.profile.views[0].points.left[rows]
+        share: dict[Side | None, float] = {side: 1.0 / sum(view.side == side for view in views) for side in SIDES}
+        moved: dict[Side | None, Shifts] = {side: Shifts.none(len(left), self.errors.count) for side in SIDES}
+        for _, unit in groupby(views, key=lambda view: view.along_m):
+            under_unit = list(unit)  # passed at the same time
+            passage = PointErrors(self.run, under_unit[0].points[rows], self.errors)
+            for view in under_unit:
+                passage.add_to(moved[view.side], view.points.arm[rows], share[view.side])
+        smooth = {side: moved.pop(side).along(left) for side in SIDES}
 
-        def noise(sd: Array) -> Array:
-            return np.asarray(sd[rows] * self.errors.rng.standard_normal(moved[0].height.shape))
+        def noise(sd_of: Callable[[View], Array]) -> dict[Side | None, Array]:
+            total: dict[Side | None, Array] = {side: np.zeros_like(place.height) for side, place in smooth.items()}
+            for view in views:
+                drawn = rng.standard_normal(total[view.side].shape)
+                drawn *= share[view.side] * sd_of(view)[rows]
+                total[view.side] += drawn
+            return total
 
-        smooth = rails([one.height for one in moved], [one.lateral for one in moved])
-        white = rails([noise(view.up_sd) for view in views], [noise(view.across_sd) for view in views])
+        up, across = noise(lambda view: view.up_sd), noise(lambda view: view.across_sd)
         slope = np.sqrt(sum(view.slope**2 * view.across_sd[rows] ** 2 for view in views)) / len(views)
-        slope = np.hypot(slope, self._turning(rows, step))
-        return smooth, replace(white, heading=slope * self.errors.rng.standard_normal(white.heading.shape))
-
-    def _passed(self, unit: tuple[View, ...], rows: slice) -> list[PlaceErrors]:
-        """Draw the errors of some rows of the rails under one unit, which are passed at the same time."""
-        points = [view.points[rows] for view in unit]
-        return PointErrors(self.run, points[0], self.errors).places(*(each.arm for each in points))
+        heading = rng.standard_normal(smooth["left"].height.shape)
+        heading *= np.hypot(slope, self._turning(rows, step_m))
+        heading += np.gradient(0.5 * (smooth["left"].lateral + smooth["right"].lateral), step_m, axis=-1)
+        z_left, z_right = (smooth[side].height + up[side] for side in SIDES)
+        u_left, u_right = (smooth[side].lateral + across[side] for side in SIDES)
+        shapes = Shapes(
+            height=0.5 * (z_left + z_right),
+            lateral=0.5 * (u_left + u_right),
+            tilt=(z_left - z_right) / self.meaning.tops_apart_m,
+            heading=heading,
+            gauge=across["left"] - across["right"],  # the motion moves both rails alike
+        )
+        for side, place in smooth.items():
+            for part, white in zip(place[:2], (up[side], across[side]), strict=True):
+                white *= below
+                part += white
+        return _Drawn(shapes, {f"_{side}": (place.height, place.lateral) for side, place in smooth.items()})
 
     def _turning(self, rows: slice, step_m: float) -> Array:
         """Return the sigma of the heading by what the gyro's noise turns units far from it within the fitted slope,
@@ -256,21 +275,6 @@ class _Columns:
             missing = max(view.walk**2 - 0.5 / step_m, 0.0)
             variance += missing * (ahead * self.run.noise.gyro[points.keyframe, 2] / len(views)) ** 2 / speed
         return np.sqrt(variance)
-
-
-def _sum(smooth: Shapes, white: Shapes, share: float) -> Shapes:
-    """Add both errors; the gauge has no part in the motion, which moves both rails alike."""
-    return Shapes(
-        height=smooth.height + share * white.height,
-        lateral=smooth.lateral + share * white.lateral,
-        tilt=smooth.tilt + share * white.tilt,
-        heading=smooth.heading + share * white.heading,
-        rails={
-            side: (smooth.rails[side][0] + share * z, smooth.rails[side][1] + share * u)
-            for side, (z, u) in white.rails.items()
-        },
-        gauge=white.gauge,
-    )
 
 
 def _made_ahead(items: Iterator[_Item]) -> Iterator[_Item]:

@@ -174,6 +174,7 @@ _CALLS = (
     Call(compiled.white_noise, _NOISE),
     Call(compiled.ahead_of_a_steady_turn, (*np.tile(np.eye(3), (3, 2, 1, 1)), 1e-6, np.zeros((2, 3)))),
     Call(compiled.interpolate_columns, (np.ones(2), np.arange(3.0), np.ones((3, 4)), np.zeros((2, 4)))),
+    Call(compiled.add_weighted_rows, (np.ones((3, 4)), np.array([[0, 2], [1, 1]]), np.ones((2, 2)), np.zeros((2, 4)))),
     Call(compiled.noise_floor, _FLOOR),
 )
 calls = pytest.mark.parametrize("call", _CALLS, ids=[call.kernel.__name__ for call in _CALLS])
@@ -351,3 +352,9 @@ def test_the_file_of_arrays_takes_no_negative_counts_and_nothing_else_than_numpy
             compiled.unspill(other, None)
         with pytest.raises(_REFUSED):
             compiled.unspill(_ARRAY_API, other)
+
+
+@pytest.mark.parametrize("row", [-1, 3, _LARGEST])
+def test_rows_that_are_not_there_are_not_summed(row: int) -> None:
+    with pytest.raises(_REFUSED):
+        compiled.add_weighted_rows(np.ones((3, 4)), np.array([[row]]), np.ones((1, 1)), np.zeros((1, 4)))

@@ -10,7 +10,7 @@ import pytest
 
 from trackfg.factors.states import KEYFRAME_DIM, SHARED_DIM, Kind, Nav, Odo, States, offset_in_keyframe
 from trackfg.numerics.rotations import matrix_from_rpy
-from trackfg.output.profile_samples import AngleErrors, PlaceErrors, PointErrors, Points, PosteriorErrors
+from trackfg.output.profile_samples import AngleErrors, PlaceErrors, PointErrors, Points, PosteriorErrors, Shifts
 from trackfg.sensors.imu_noise import WhiteNoise
 
 COUNT = 4000
@@ -58,7 +58,7 @@ def test_place_between_exact_keyframes_is_a_clamped_beam(name: str) -> None:
 
     Its first three modes hold 98 % of the variance in the middle, and less near the ends, where there is little.
     """
-    found = spread(PointErrors(RUN, points(FRACTION), drawn()).places()[0], name)
+    found = spread(PointErrors(RUN, points(FRACTION), drawn()).places(), name)
     exact = ACCEL * INTERVAL_S**1.5 * np.sqrt((FRACTION * (1.0 - FRACTION)) ** 3 / 3.0)
     assert found[[0, -1]].max() < 1e-3 * exact.max()
     np.testing.assert_allclose(found[2:5], exact[2:5], rtol=0.03 + TOLERANCE)
@@ -92,7 +92,7 @@ def test_errors_of_the_keyframes_are_carried_by_the_cubic() -> None:
     tangents = np.zeros((KEYFRAMES, KEYFRAME_DIM + SHARED_DIM, COUNT))
     tangents[:, NAV + 3 : NAV + 6] = sd_p * rng.standard_normal((KEYFRAMES, 3, COUNT))
     tangents[:, NAV + 6 : NAV + 9] = sd_v * rng.standard_normal((KEYFRAMES, 3, COUNT))
-    found = PointErrors(SILENT, points(FRACTION), drawn(tangents)).places()[0]
+    found = PointErrors(SILENT, points(FRACTION), drawn(tangents)).places()
     f, T = FRACTION, INTERVAL_S
     variance = sd_p**2 * ((1 - 3 * f**2 + 2 * f**3) ** 2 + (3 * f**2 - 2 * f**3) ** 2)
     variance += sd_v**2 * T**2 * ((f - 2 * f**2 + f**3) ** 2 + (f**3 - f**2) ** 2)
@@ -119,10 +119,31 @@ def test_place_below_the_sensor_swings_with_its_attitude() -> None:
     tangents = np.zeros((KEYFRAMES, KEYFRAME_DIM + SHARED_DIM, COUNT))
     ahead = np.array([np.cos(AHEAD), np.sin(AHEAD), 0.0])
     tangents[:, NAV : NAV + 3] = (states().nav.R[0].T @ ahead)[:, None] * roll
-    found = PointErrors(SILENT, points(FRACTION, arm=np.array([0.0, 0.0, 2.0])), drawn(tangents)).places()[0]
+    found = PointErrors(SILENT, points(FRACTION, arm=np.array([0.0, 0.0, 2.0])), drawn(tangents)).places()
     # The point is the sensor's place less the arm, and the arm turns: -(phi x 2 up) = 2 phi to the left.
     np.testing.assert_allclose(found.lateral, np.tile(2.0 * roll[:, None], (1, len(FRACTION))), atol=1e-9)
     np.testing.assert_allclose(found.height, 0.0, atol=1e-9)
+
+
+def test_rails_under_one_unit_have_the_same_draws() -> None:
+    """Halves of what two equal arms give are the whole, and an arm to the right swings up where one to the left goes
+    down.
+    """
+    here = points(FRACTION, arm=np.array([1.0, 2.0, 3.0]))
+    whole = PointErrors(RUN, here, drawn()).places()
+    passage, shifts = PointErrors(RUN, here, drawn()), Shifts.none(len(FRACTION), COUNT)
+    for _ in range(2):
+        passage.add_to(shifts, here.arm, share=0.5)
+    np.testing.assert_allclose(shifts.along(here.left).lateral, whole.lateral, atol=1e-12)
+    arms = [points(FRACTION, arm=np.array(arm)).arm for arm in ([0.0, 0.7, 0.0], [0.0, -0.7, 0.0])]
+    left, right = (Shifts.none(len(FRACTION), COUNT) for _ in arms)
+    passage = PointErrors(RUN, here, drawn())
+    for side, arm in zip((left, right), arms, strict=True):
+        passage.add_to(side, arm)
+    shaken = Shifts.none(len(FRACTION), COUNT)
+    passage.add_to(shaken, np.zeros_like(here.arm))
+    np.testing.assert_allclose(left.up + right.up, 2.0 * shaken.up, atol=1e-12)
+    assert np.std(left.up - right.up) > 1e-5
 
 
 RADIUS_M = 300.0
@@ -148,7 +169,7 @@ def errors_in_a_curve(turned: float, longer: float) -> PlaceErrors:
     left = np.stack([-np.sin(here), np.cos(here), np.zeros(len(here))], axis=1)
     on_curve = Points(k, ON_CURVE_M / 20.0 - k, left, left, np.zeros((len(here), 3)))
     errors = PosteriorErrors.of(curve, samples, np.random.default_rng(0))
-    return PointErrors(SILENT, on_curve, errors).places()[0]
+    return PointErrors(SILENT, on_curve, errors).places()
 
 
 def test_turning_the_whole_path_changes_its_lateral_profile_by_a_straight_line_at_most() -> None:
