@@ -17,6 +17,7 @@ from trackfg.datasets.faults import drop_imu, drop_tach
 from trackfg.datasets.scenarios import simulate
 from trackfg.errors import BadInputError
 from trackfg.evaluation.geometry_errors import geometry_errors
+from trackfg.numerics.kernels import compiled_kernels
 from trackfg.results.columns import GEOMETRY_COLUMNS, TRAJECTORY_COLUMNS
 from trackfg.results.result import Result
 from trackfg.streaming.fixed_lag import FixedLagSmoother
@@ -82,10 +83,14 @@ def test_a_step_of_the_whole_window_leaves_nothing_to_move(run: Any, monkeypatch
 
 
 def test_how_rows_are_grouped_makes_no_difference(stream: Callable[..., Any]) -> None:
+    """Bit by bit with the compiled kernels; numpy rounds sums by where the record that is at hand begins."""
     recording = simulate(setting_off("mainline"), seed=1, duration_s=37.0).recording
     first, second = (stream(recording, lag_s=5.0, batch_s=batch_s) for batch_s in (0.1, 1.7))
     for one, other in zip(first[1:4], second[1:4], strict=True):
-        pd.testing.assert_frame_equal(one, other, check_exact=True)
+        if compiled_kernels():
+            pd.testing.assert_frame_equal(one, other, check_exact=True)
+        else:
+            pd.testing.assert_frame_equal(one, other, rtol=1e-12, atol=1e-12)
 
 
 def test_tables(ours: Any, run: Any) -> None:
