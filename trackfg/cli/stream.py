@@ -191,12 +191,14 @@ def _into_folder(
     out, every_s = Path(options.out), EVERY_S if options.checkpoint_every is None else options.checkpoint_every
     checkpoints = Checkpoints(out / _CHECKPOINT, every_s=every_s)
     leftovers = list(out.glob(f"{UNFINISHED}{_CHECKPOINT}*"))
+    if leftovers:
+        with sole_writer(out):
+            for path in leftovers:  # of a stream that was killed while it wrote a checkpoint
+                path.unlink(missing_ok=True)
     if options.resume and checkpoints.path.exists():
         with sole_writer(out):
             saved = checkpoints.read()
             if saved.finished:
-                for path in leftovers:  # of a stream that was killed when it had just ended
-                    path.unlink(missing_ok=True)
                 return None
             try:
                 stream = opened(saved)
@@ -210,10 +212,6 @@ def _into_folder(
                 ) from error
             note(f"{out}: {_place(saved, stream, options)}")
             return stream.run(ParquetParts(out, state=saved.sink), checkpoints, watch)
-    if leftovers:
-        with sole_writer(out):
-            for path in leftovers:  # of a stream that was killed before it began
-                path.unlink(missing_ok=True)
     if checkpoints.path.exists() and not checkpoints.read().finished:
         raise BadInputError(f"{out}: holds an unfinished stream: go on with it by --resume, or choose another folder")
     refuse_used(out, _NEVER_ADDED)
