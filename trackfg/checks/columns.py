@@ -153,7 +153,10 @@ def unusable_sigmas(sd: Array, place: ColumnPlace, unit: str = "m") -> list[Find
 
 def falling(distance: Array, place: ColumnPlace) -> list[Finding]:
     """A cumulative count or distance that falls although the tach is declared unsigned."""
-    hint = "set tach.signed = true if the vehicle rolled back; a counter that wraps must be unwrapped first"
+    hint = (
+        "set tach.signed = true if the vehicle rolled back; a counter that wraps must be unwrapped first, as trackfg "
+        "import does, with wraps_at in the mapping where it finds no modulus"
+    )
     expected = "a value that never falls, as tach.signed = false"
     back = np.diff(distance, prepend=-np.inf) < 0
     return place.at_first_value(distance, back, "tach-backwards", "the tach runs backwards", expected, hint)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 
+from trackfg.checks.columns import ColumnPlace
 from trackfg.checks.limits import CheckLimits
 from trackfg.numerics.arrays import Array
 from trackfg.recording.description import GnssSpeed, Laser, Speed, Tach
@@ -12,6 +13,9 @@ from trackfg.recording.findings import Finding, Level, Section
 
 _UNIT_TOLERANCE = 0.1
 """A ratio this near to that of two units is taken for it: wheel and sensor are never scaled as wrongly otherwise."""
+
+_BURST_S = 0.1
+"""Rows that follow each other sooner, s, may have been stamped late and all at once."""
 
 
 def is_ratio_of_units(scale: float, ratio: float) -> bool:
@@ -50,11 +54,26 @@ def tach_findings(tach: Tach, section: Section, table: pd.DataFrame, limits: Che
         if tach.kind == "pulses"
         else f"check {section.name}.kind and {section.name}.unit"
     )
-    findings = speed_findings("tach-unit", speed, tach, hint, limits)
+    findings = speed_findings("tach-unit", speed, tach, hint, limits) or _tach_jumps(tach, t, distance, limits)
     if tach.wheel_diameter_m is not None:
         key = Section(section.file, f"{section.name}.wheel_diameter_m")
         findings += unusual_size("warning", "wheel-diameter", tach.wheel_diameter_m, (0.05, 2.0), key)
     return findings
+
+
+def _tach_jumps(tach: Tach, t: Array, distance: Array, limits: CheckLimits) -> list[Finding]:
+    """Steps from row to row that no wheel makes, as where a counter wraps or is reset."""
+    if tach.kind == "speed":
+        return []
+    steps, since = np.diff(distance, prepend=distance[0]), np.diff(t, prepend=t[0])
+    jumps = np.abs(steps) > limits.speed_error_mps * np.maximum(since, _BURST_S)
+    message = f"the tach jumps by {steps[np.argmax(jumps)]:.4g} m from the row before"
+    hint = (
+        "a counter that wraps must be unwrapped first, as trackfg import does, with wraps_at in the mapping where it "
+        "finds no modulus"
+    )
+    expected = f"at most {limits.speed_error_mps:g} m/s"
+    return ColumnPlace(tach.file, tach.column, t).at_first(jumps, "tach-jump", message, expected, hint, "warning")
 
 
 def laser_findings(laser: Laser, section: Section, table: pd.DataFrame, limits: CheckLimits) -> list[Finding]:

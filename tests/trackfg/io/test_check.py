@@ -418,6 +418,16 @@ def test_a_silent_tach_is_a_warning(draft: Draft, tmp_path: Path) -> None:
     assert "no rows for 60.1 s" in doubts(draft, tmp_path / "rec")["gap"]
 
 
+def test_a_signed_count_that_wraps_is_a_warning_with_its_row(draft: Draft, tmp_path: Path) -> None:
+    declare("tach", "signed", value=True)(draft)
+    modulus = draft["tach"]["count"].max() // 2 + 1
+    draft["tach"]["count"] %= modulus
+    row = int(np.argmax(np.diff(draft["tach"]["count"]) < 0.0)) + 2
+    found = doubts(draft, tmp_path / "rec")["tach-jump"]
+    assert f"tach.csv, column 'count', data row {row} " in found
+    assert "a counter that wraps must be unwrapped first" in found
+
+
 def test_a_tilted_sensor_gets_its_mounting_angles(draft: Draft, tmp_path: Path) -> None:
     angle = np.radians(18.0)
     c, s = np.cos(angle), np.sin(angle)

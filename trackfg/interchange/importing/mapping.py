@@ -93,6 +93,11 @@ class MappedSensor:
         return (self.reading.time,) if isinstance(self.reading.time, str) else self.reading.time
 
     @property
+    def count_wraps_at(self) -> float | None:
+        """The modulus of a wheel's count, where ``wraps_at`` is not that of its times."""
+        return None if self.reading.time_unit == "ticks" else self.reading.wraps_at
+
+    @property
     def notation(self) -> TimeNotation:
         """How its times are written."""
         reading = self.reading

@@ -12,7 +12,8 @@ from trackfg.errors import BadInputError
 from trackfg.interchange.importing.columns.column_meaning import INCREMENT_OF, QUANTITY_OF
 from trackfg.interchange.importing.columns.written_units import Quantity, factor_of, recorded_unit
 from trackfg.interchange.importing.mapping import MappedSensor
-from trackfg.interchange.importing.times import Times, unwrapped
+from trackfg.interchange.importing.times import Times
+from trackfg.interchange.importing.wheel_count import unwrapped_count
 from trackfg.io.features import LOCAL, in_wgs_84
 from trackfg.numerics import geodesy
 from trackfg.numerics.arrays import Array
@@ -41,8 +42,7 @@ def in_recorded_units(
     """
     columns, keys = dict(columns), dict(keys)
     if sensor.kind == "tach" and keys.get("kind") in ("pulses", "distance"):
-        in_sum = np.cumsum if sensor.reading.increments else unwrapped
-        columns = {name: np.asarray(in_sum(values)) for name, values in columns.items()}
+        columns = {name: _counted(sensor, values) for name, values in columns.items()}
         if keys["kind"] == "pulses":
             return columns, keys
     if sensor.kind == "gnss":
@@ -68,6 +68,13 @@ def in_recorded_units(
         if factor != 1.0:
             columns |= {name: columns[name] * factor for name in names if name in columns}
     return columns, keys
+
+
+def _counted(sensor: MappedSensor, values: Array) -> Array:
+    """Return a wheel's counts or distances (n,) as those of a counter that goes on."""
+    if sensor.reading.increments:
+        return np.cumsum(values)
+    return unwrapped_count(values, sensor.count_wraps_at, signed=bool(sensor.keys.get("signed")))
 
 
 def in_plan(sensor: MappedSensor, position: Array) -> Array:

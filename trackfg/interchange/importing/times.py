@@ -353,7 +353,7 @@ def unwrapped(count: Array, wraps_at: float | None = None) -> Array:
     if falls.size == 0:
         return count
     if wraps_at is None:
-        moduli = [_end_of_range(count), *_modulus_of_turns(count, falls)]
+        moduli = [min(end_of_range(float(count.max()))), *_modulus_of_turns(count, falls)]
         wraps_at = next((modulus for modulus in moduli if _is_modulus(count, falls, modulus)), None)
         if wraps_at is None:
             return count
@@ -381,11 +381,11 @@ def _modulus_of_turns(count: Array, falls: np.ndarray) -> list[float]:
     return [modulus] if whole and sure and modulus >= _LEAST_TURN else []
 
 
-def _end_of_range(count: Array) -> float:
-    """Return the next power of two or ten above the largest value of a counter (n,)."""
-    largest = float(count.max())
+def end_of_range(largest: float) -> tuple[float, float]:
+    """Return the next powers of two and of ten above the ``largest`` value of a counter."""
     whole = largest + (1.0 if largest == np.floor(largest) else 0.0)
-    return min(float(base ** np.ceil(np.log(whole) / np.log(base) - 1e-9)) for base in (2.0, 10.0))
+    two, ten = (float(base ** np.ceil(np.log(whole) / np.log(base) - 1e-9)) for base in (2.0, 10.0))
+    return two, ten
 
 
 def _unwrapped_to_and_fro(count: Array) -> Array | None:
@@ -395,10 +395,10 @@ def _unwrapped_to_and_fro(count: Array) -> Array | None:
     Below zero the range is that of a signed number.
     """
     lowest = float(count.min())
-    largest = np.array([max(float(count.max()), -lowest - 1.0)]) if lowest < 0.0 else count
-    if not largest.max() > 0.0:
+    largest = max(float(count.max()), -lowest - 1.0) if lowest < 0.0 else float(count.max())
+    if not largest > 0.0:
         return None
-    end = _end_of_range(largest)
+    end = min(end_of_range(largest))
     begin = -end if lowest < 0.0 else 0.0
     span = end - begin
     steps = np.diff(count)

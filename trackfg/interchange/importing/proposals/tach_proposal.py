@@ -18,7 +18,8 @@ from trackfg.interchange.importing.columns.time_columns import is_sample_counter
 from trackfg.interchange.importing.columns.written_units import factor_of, unit_in
 from trackfg.interchange.importing.proposals.questions import Ask, Proposal, Question, asked_number, asked_unit
 from trackfg.interchange.importing.source_table import SourceTable
-from trackfg.interchange.importing.times import TimeNotation, read_times, unwrapped
+from trackfg.interchange.importing.times import TimeNotation, read_times
+from trackfg.interchange.importing.wheel_count import unwrapped_count
 
 _WHEEL = re.compile(r"wheel|rad(?!ar|ius)|axle|achse|tach|odo")
 """Names of speeds that no GNSS receiver gives."""
@@ -68,7 +69,7 @@ def _of_falls(proposal: Proposal, table: SourceTable, section: dict[str, Any]) -
     name = section["column"]
     values = table.numbers(name)
     finite = values[np.isfinite(values)]
-    going_on = unwrapped(finite)
+    going_on = unwrapped_count(finite)
     steps = np.diff(going_on)
     moved = steps[steps != 0.0]
     falls, turns = float((moved < 0.0).sum()), float((np.diff(np.sign(moved)) != 0.0).sum())
