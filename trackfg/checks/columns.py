@@ -13,6 +13,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from trackfg.numerics.arrays import Array
+from trackfg.numerics.chainage.passes import only_falls
 from trackfg.recording.description import Imu, RecordingDescription
 from trackfg.recording.findings import Finding, Level
 from trackfg.recording.model import (
@@ -157,6 +158,11 @@ def falling(distance: Array, place: ColumnPlace) -> list[Finding]:
         "set tach.signed = true if the vehicle rolled back; a counter that wraps must be unwrapped first, as trackfg "
         "import does, with wraps_at in the mapping where it finds no modulus"
     )
+    if only_falls(distance):
+        hint = (
+            "it never rises: negate it if it counts in the other sense, or set tach.signed = true, with which trackfg "
+            "smooth finds its sense by the accelerometer"
+        )
     expected = "a value that never falls, as tach.signed = false"
     back = np.diff(distance, prepend=-np.inf) < 0
     return place.at_first_value(distance, back, "tach-backwards", "the tach runs backwards", expected, hint)

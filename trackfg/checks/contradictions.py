@@ -23,6 +23,7 @@ from trackfg.checks.limits import CheckLimits
 from trackfg.checks.receiver_speeds import receiver_speed_findings
 from trackfg.checks.sizes import is_ratio_of_units
 from trackfg.numerics import rotations
+from trackfg.numerics.chainage.passes import only_falls
 from trackfg.numerics.units import KMH
 from trackfg.recording.antenna import with_antenna_named
 from trackfg.recording.description import Imu, Tach
@@ -55,7 +56,7 @@ def contradictions(recording: Recording, estimates: Estimates, limits: CheckLimi
     # Exchanged degrees have chords of another length: what these say of clock and wheel follows from the exchange.
     distorted = bool(mirrored) and description.gnss is not None and description.gnss.frame == "geodetic"
     return [
-        *_axes(estimates.axes, force),
+        *_axes(recording, estimates.axes, force),
         *_columns(description.imu, force),
         *mirrored,
         *_turns(recording, estimates.positions.course),
@@ -81,7 +82,8 @@ def _warning(code: str, message: str, column: str, expected: str | None = None, 
     return Finding("warning", code, message, file=_TOML, column=column, expected=expected, hint=hint)
 
 
-def _axes(axes: AxesEstimate, force: ForceFit | None) -> list[Finding]:
+def _axes(recording: Recording, axes: AxesEstimate, force: ForceFit | None) -> list[Finding]:
+    """Another axis than forward; a tach that never rises is rather of the other sense than all axes are backwards."""
     if axes.forward_correlation is None or axes.best_forward_correlation is None:
         return []
     if axes.forward_by == "tach":
@@ -90,6 +92,21 @@ def _axes(axes: AxesEstimate, force: ForceFit | None) -> list[Finding]:
         is_wrong = axes.shown_by == "motion" and axes.best_forward != "+x"
     if not is_wrong:
         return []
+    tach, described = recording.tach, recording.description.tach
+    if (
+        axes.best_forward == "-x"
+        and tach is not None
+        and described is not None
+        and only_falls(tach["distance_m"].to_numpy())
+    ):
+        message = (
+            "the tach only falls, and the accelerometer measures -1 times its acceleration "
+            f"(correlation {axes.best_forward_correlation:.2f}): it counts in the other sense"
+        )
+        hint = "negate the column; trackfg smooth does so. Or reverse the vehicle frame if the run was backwards"
+        expected = "a tach that rises where the vehicle moves forwards"
+        about = Finding("warning", "tach-factor", message, file=described.file, column=described.column)
+        return [replace(about, expected=expected, hint=hint)]
     message = (
         f"with {axes.declared!r} the axis that follows the acceleration of the {axes.forward_by} is "
         f"{axes.best_forward} (correlation {axes.best_forward_correlation:.2f}; forward {axes.forward_correlation:.2f})"

@@ -110,6 +110,14 @@ def turned(axis: str, degrees: float) -> Spoil:
     return lambda recording: mixed(FORCE, *rows)(mixed(GYRO, *rows)(recording))
 
 
+def other_sense(recording: Recording) -> Recording:
+    """Negate a tach that knows directions."""
+    tach = recording.description.tach
+    assert tach is not None
+    description = recording.description.model_copy(update={"tach": tach.model_copy(update={"signed": True})})
+    return scaled("tach", -1.0, "distance_m")(replace(recording, description=description))
+
+
 def kept(table: str, first_s: float) -> Spoil:
     """Leave the rows before a time out."""
 
@@ -160,6 +168,8 @@ MISTAKES: dict[str, tuple[Spoil, set[str], str]] = {
         scaled("tach", 1 / 1.3, "distance_m"), {"speed-scale", "wheel-scale"}, "must be multiplied by 1.3"),
     "a wheel 30 % smaller": (
         scaled("tach", 1 / 0.7, "distance_m"), {"speed-scale", "wheel-scale"}, "must be multiplied by 0.7"),
+    "the tach counts in the other sense": (
+        other_sense, {"tach-factor", "direction"}, "negate the column; trackfg smooth does so"),
     "the tach is dead": (scaled("tach", 0.0, "distance_m"), {"tach-silent"}, "stays at one value from t = 0"),
     "the tach freezes": (
         changed("tach", distance_m=lambda rows: rows["distance_m"].clip(upper=rows["distance_m"].median())),

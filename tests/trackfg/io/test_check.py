@@ -219,6 +219,9 @@ BROKEN: dict[str, tuple[Spoil, str, list[str]]] = {
     "tach backwards": (
         put("tach", 400, "count", 3.0), "tach-backwards",
         ["tach.csv, column 'count', data row 400 (t = 39.9 s): 3: the tach runs backwards", "tach.signed"]),
+    "tach that only falls": (
+        scale("tach", ["count"], -1.0), "tach-backwards",
+        ["the tach runs backwards", "it never rises: negate it", "tach.signed = true"]),
     "clocks apart": (
         declare("tach", "time_offset_s", value=5000.0), "clocks-apart",
         ["tach.csv, column 't'", "the clocks do not overlap", "[tach]", "time_offset_s"]),

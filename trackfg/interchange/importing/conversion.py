@@ -37,6 +37,7 @@ from trackfg.io.reader import LoadedRecording, load
 from trackfg.io.writer import write_table
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.chainage.kilometrage import Kilometrage
+from trackfg.numerics.chainage.passes import only_falls
 from trackfg.recording.findings import Finding, errors
 from trackfg.recording.interpolated_rows import interpolated_rows
 from trackfg.recording.receiver_epochs import held_rows
@@ -247,6 +248,14 @@ def _part(sensor: MappedSensor, tables: Sequence[SourceTable], mapping: Mapping)
     if not any(len(values) for values in columns.values()):
         raise BadInputError(f"{table.name}: the columns of [{sensor.section}] are empty; expected values")
     columns, keys = in_recorded_units(sensor, times, columns, keys)
+    if sensor.kind == "tach" and keys.get("kind") != "speed" and not keys.get("signed"):
+        falling = [name for name, values in columns.items() if only_falls(values)]
+        columns = columns | {name: columns[name][0] - columns[name] for name in falling}
+        notes += tuple(
+            f"{table.name}: {name} only falls, and is taken for a counter of the other sense. Hint: if the vehicle ran "
+            "backwards all the way, state signed = true in the mapping"
+            for name in falling
+        )
     return _Part(sensor, times, columns, keys, notes=notes, whole=table if table is sources[0] and keep.all() else None)
 
 

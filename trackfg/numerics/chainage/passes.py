@@ -40,3 +40,9 @@ def passes(distance: Array, least_m: float = _MOVED_M) -> list[Pass]:
     rising = steps[moving[latest]] > 0
     traversals = [Pass(int(a), int(b), sense) for sense in (1, -1) for a, b in true_runs(rising == (sense > 0))]
     return sorted(traversals, key=lambda one: one.first)
+
+
+def only_falls(distance: Array) -> bool:
+    """Return whether a wheel's count or distance (n,) falls and never rises."""
+    steps = np.diff(distance)
+    return bool((steps <= 0.0).all() and (steps < 0.0).any())

@@ -119,7 +119,9 @@ def test_a_count_of_a_wheel_that_turns_back_is_signed_and_goes_on(
     np.testing.assert_allclose(np.diff(back.tach["distance_m"]), np.diff(distance), atol=1.1e-5)
 
 
-def test_a_count_of_16_bits_that_falls_is_a_wheel_s(drive: Drive, tmp_path: Path, imported: Import) -> None:
+def test_a_count_of_16_bits_that_only_falls_is_a_wheel_s_and_of_the_other_sense(
+    drive: Drive, tmp_path: Path, imported: Import
+) -> None:
     distance = np.cumsum(drive.speed) / 100.0
     count = np.floor(distance / 1e-4).astype(int)
     names = "time_s;" + ";".join(f"{sensor}_{a}" for sensor in ("gyro", "acc") for a in "xyz") + ";pulses"
@@ -132,7 +134,10 @@ def test_a_count_of_16_bits_that_falls_is_a_wheel_s(drive: Drive, tmp_path: Path
     back = _recording(imported(path, tach_pulses_per_rev="1000", tach_wheel_diameter_m=str(0.1 / np.pi)))
 
     assert back.tach is not None
-    np.testing.assert_allclose(np.diff(back.tach["distance_m"]), -np.diff(distance), atol=1.1e-4)
+    np.testing.assert_allclose(np.diff(back.tach["distance_m"]), np.diff(distance), atol=1.1e-4)
+    assert back.description.tach is not None
+    assert not back.description.tach.signed
+    assert back.description.imu.axes == "FLU"
 
 
 def test_rows_of_one_pulse_each_are_counted(drive: Drive, tmp_path: Path, imported: Import) -> None:

@@ -20,6 +20,7 @@ from trackfg.interchange.importing.proposals.questions import Ask, Proposal, Que
 from trackfg.interchange.importing.source_table import SourceTable
 from trackfg.interchange.importing.times import TimeNotation, read_times
 from trackfg.interchange.importing.wheel_count import unwrapped_count
+from trackfg.numerics.chainage.passes import only_falls
 
 _WHEEL = re.compile(r"wheel|rad(?!ar|ius)|axle|achse|tach|odo")
 """Names of speeds that no GNSS receiver gives."""
@@ -70,6 +71,8 @@ def _of_falls(proposal: Proposal, table: SourceTable, section: dict[str, Any]) -
     values = table.numbers(name)
     finite = values[np.isfinite(values)]
     going_on = unwrapped_count(finite)
+    if only_falls(going_on):  # the import turns it round
+        return {}
     steps = np.diff(going_on)
     moved = steps[steps != 0.0]
     falls, turns = float((moved < 0.0).sum()), float((np.diff(np.sign(moved)) != 0.0).sum())
