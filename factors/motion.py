@@ -48,29 +48,58 @@ def _turns(mount: Array) -> tuple[Array, ...]:
     return np.cos(pitch), np.sin(pitch), np.cos(yaw), np.sin(yaw), np.zeros(len(mount))
 
 
-@in_kernel(linear_rows("non_holonomic", "angular_rate", "lever_arm"))
-def _sideways(nav: Nav, mount: Array, angular_rate: Array, lever_arm: Array) -> tuple[Array, tuple[Array, ...]]:
+@in_kernel(linear_rows("non_holonomic", "angular_rate", "lever_arm", "speed", "growth"))
+def _sideways(
+    nav: Nav, mount: Array, angular_rate: Array, lever_arm: Array, speed: Array, growth: Array
+) -> tuple[Array, tuple[Array, ...]]:
     body = nav.own_velocity
     on_track = body - np.cross(angular_rate, lever_arm - tracking_point(mount))
     R_bt, d_R_bt = mount_matrix(mount), mount_derivative(mount)
-    residual = np.einsum("mji,mj->mi", R_bt, on_track)[:, 1:]
-    side = np.swapaxes(R_bt, 1, 2)[:, 1:]
+    travel = np.einsum("mji,mj->mi", R_bt, on_track)
+    axes = np.swapaxes(R_bt, 1, 2)
     zero = np.zeros((len(body), 3, 3))
-    d_nav = side @ np.concatenate([skew(body), zero, zero + np.eye(3)], axis=2)
-    d_angles = np.einsum("mcji,mj->mic", d_R_bt, on_track)[:, 1:]
-    d_mount = np.concatenate([d_angles, side @ skew(angular_rate)], axis=2)
-    return residual, (d_nav, d_mount)
+    d_nav = axes @ np.concatenate([skew(body), zero, zero + np.eye(3)], axis=2)
+    d_mount = np.concatenate([np.einsum("mcji,mj->mic", d_R_bt, on_track), axes @ skew(angular_rate)], axis=2)
+    ahead, sideways = travel[:, :1], travel[:, 1:]
+    scale = 1.0 / (1.0 + growth * (np.abs(ahead) - speed[:, None]))
+    by_ahead = -(scale**2) * growth * np.sign(ahead) * sideways
+
+    def scaled(derivative: Array) -> Array:
+        return np.asarray(scale[:, :, None] * derivative[:, 1:] + by_ahead[:, :, None] * derivative[:, :1])
+
+    return scale * sideways, (scaled(d_nav), scaled(d_mount))
 
 
-def non_holonomic(index: np.ndarray, angular_rate: Array, lever_arm: Array, sigma: Array, loss: Loss | None) -> Family:
+def non_holonomic(
+    index: np.ndarray,
+    angular_rate: Array,
+    lever_arm: Array,
+    speed: Array,
+    growth: Array,
+    sigma: Array,
+    loss: Loss | None,
+) -> Family:
     """The point that follows the track has no lateral and no vertical velocity.
 
-    Residual (m/s): rows 2 and 3 of ``R_bt' (R' v - w x (l - c))``, positive to the left and upwards; ``l`` (3,) is the
-    IMU's position in the vehicle, m, ``c`` the place of that point from the same reference, which ``MOUNT`` holds, and
-    ``w`` (m, 3) the body's angular rate at the keyframe, rad/s, bias removed: the gyro's remaining error times the
-    lever arm is far below any sigma used here. sigma (m, 2), m/s.
+    With the velocity on the track ``u = R_bt' (R' v - w x (l - c))``, the residuals (m/s) are
+
+        u_2 / (1 + g_2 (|u_1| - speed)),   u_3 / (1 + g_3 (|u_1| - speed)),
+
+    positive to the left and upwards; ``l`` (3,) is the IMU's position in the vehicle, m, ``c`` the place of that point
+    from the same reference, which ``MOUNT`` holds, and ``w`` (m, 3) the body's angular rate at the keyframe, rad/s,
+    bias removed: the gyro's remaining error times the lever arm is far below any sigma used here. sigma (m, 2), m/s, is
+    that at ``speed`` (m,), m/s, and grows with the speed by ``growth`` g (m, 2) of itself, s/m.
+
+    It grows since a body turns against its path, by b, and moves sideways by ``b u_1`` then. With a sigma of a known
+    speed instead of the state's own, a slower motion would have smaller residuals: n of them would pull the logarithm
+    of the speed by n times its variance, which in a run of an hour is several of its sigmas.
     """
-    data = {"angular_rate": angular_rate, "lever_arm": lever_arm[None].repeat(len(index), axis=0)}
+    data = {
+        "angular_rate": angular_rate,
+        "lever_arm": lever_arm[None].repeat(len(index), axis=0),
+        "speed": speed,
+        "growth": growth,
+    }
     slots = (Slot(Kind.NAV, index), Slot(Kind.MOUNT, np.zeros_like(index)))
     return Family(FactorType.NON_HOLONOMIC, _sideways, slots, data, sigma, loss)
 

@@ -164,14 +164,22 @@ void non_holonomic(const Given &given, const Rows &rows) {
     const Mounting mount(given.value[1]);
     const Vector rate = vector(given.data[0]), body = given.own_velocity(0);
     const Vector on_track = body - cross(rate, vector(given.data[1]) - mount.point);
+    const double ahead = dot(column(mount.R, 0), on_track), sign = (ahead > 0.0) - (ahead < 0.0);
     for (int i = 0; i < 2; ++i) {
-        const Vector side = column(mount.R, 1 + i);
-        rows.residual(i, dot(side, on_track));
+        const double sideways = dot(column(mount.R, 1 + i), on_track), growth = given.data[3][i];
+        const double scale = 1.0 / (1.0 + growth * (std::abs(ahead) - *given.data[2]));
+        rows.residual(i, scale * sideways);
         if (!rows.with_jacobian()) continue;
+        // By the sideways velocity, and by that ahead.
+        const double by[2] = {scale, -scale * scale * growth * sign * sideways};
+        const int axes[2] = {1 + i, 0};
+        const Vector side = by[0] * column(mount.R, axes[0]) + by[1] * column(mount.R, axes[1]);
         rows.row(i, 0, cross(side, body));  // side' [body]x
         rows.row(i, 6, side);
-        for (int angle = 0; angle < 2; ++angle)
-            rows.at(i, NAV + angle) = dot(column(mount.by[angle], 1 + i), on_track);
+        for (int angle = 0; angle < 2; ++angle) {
+            const Matrix &turned = mount.by[angle];
+            rows.at(i, NAV + angle) = dot(by[0] * column(turned, axes[0]) + by[1] * column(turned, axes[1]), on_track);
+        }
         rows.row(i, NAV + 2, cross(side, rate));
     }
 }
@@ -265,7 +273,7 @@ const Type TYPES[] = {
     {"absolute_fix", absolute_fix, 1, {OF_ODO, NONE, NONE, NONE}, {1}},
     {"arc_length", arc_length, 1, {OF_NAV, OF_NAV, OF_ODO, OF_MOUNT}, {3}},
     {"path", path, 2, {OF_NAV, OF_NAV, OF_MOUNT, OF_IMU}, {9, 9, 9, 3, 3}},
-    {"non_holonomic", non_holonomic, 2, {OF_NAV, OF_MOUNT, NONE, NONE}, {3, 3}},
+    {"non_holonomic", non_holonomic, 2, {OF_NAV, OF_MOUNT, NONE, NONE}, {3, 3, 1, 2}},
     {"bias_walk", bias_walk, 6, {OF_BIAS, OF_BIAS, OF_IMU, NONE}, {BIAS * IMU}},
     {"at_rest", at_rest, 3, {OF_NAV, NONE, NONE, NONE}, {}},
     {"standstill", standstill, 6, {OF_NAV, OF_NAV, NONE, NONE}, {}},

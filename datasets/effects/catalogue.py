@@ -9,7 +9,7 @@ from functools import partial
 from trackfg.datasets.effects.clocks import ClockJump, DelayedStamps
 from trackfg.datasets.effects.driving import Creeping, LongRest, TurningEarth
 from trackfg.datasets.effects.inertial import LowCost, Noise, Warming
-from trackfg.datasets.effects.mounting import LeverArm, SpringRoll, Tilt
+from trackfg.datasets.effects.mounting import LeverArm, RoughTrack, SpringRoll, Tilt
 from trackfg.datasets.effects.positions import Canyon, LateGnss, ScatteredFixes, WrongFixes
 from trackfg.datasets.effects.vibration import Idling, PlaceName, Rectification, Sampling, Saturation, Vibration
 from trackfg.datasets.effects.wheel import (
@@ -164,6 +164,13 @@ EFFECTS: dict[str, EffectKind] = {
     ),
     "spring-roll-declared-rigid": EffectKind(
         "the same, declared rigid", partial(SpringRoll, declared_rigid=True), "", (0.2, 0.4), "UIC 505-5: 0.2-0.4"
+    ),
+    "rough-track": EffectKind(
+        "a car body that bounces, pitches and sways on its springs over track of such a level in the band D1",
+        RoughTrack,
+        "mm",
+        (3.0, 6.0),
+        "twice and four times what track of ORE B176 with high irregularities has, 1.6 mm",
     ),
     "delayed-stamps": EffectKind(
         "IMU samples stamped on arrival, exponential delays", DelayedStamps, "ms", (1.0, 5.0), "USB and serial drivers"

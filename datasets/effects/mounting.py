@@ -1,4 +1,4 @@
-"""Place and attitude of an IMU in the vehicle, and lean of the car body, that are not declared."""
+"""Place and attitude of an IMU in the vehicle, and what its body does on springs, that are not declared."""
 
 from __future__ import annotations
 
@@ -7,12 +7,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from trackfg.datasets.effects.samples import Samples, described
+from trackfg.datasets.line.irregularities import IrregularityModel
 from trackfg.datasets.scenario import Effect, Scenario
 from trackfg.datasets.vehicle.ride import Ride
 from trackfg.datasets.vehicle.suspension import Suspension
 from trackfg.datasets.vehicle.vehicle import CarBody
 from trackfg.numerics import rotations
 from trackfg.recording.model import Recording
+
+_OF_LEVEL = 0.78
+"""Alignment and cross-level of worn track over its level, by their standard deviations in the band D1."""
 
 
 @dataclass(frozen=True)
@@ -57,3 +61,15 @@ class SpringRoll(Effect):
     def recorded(self, recording: Recording, ride: Ride, rng: np.random.Generator) -> Recording:
         """See :class:`~trackfg.datasets.scenario.Effect`."""
         return described(recording, rigid=True) if self.declared_rigid and not self.for_oracle else recording
+
+
+@dataclass(frozen=True)
+class RoughTrack(Effect):
+    """A car body on its springs over track whose level has a standard deviation of ``magnitude`` mm in the band D1."""
+
+    def planned(self, plan: Scenario) -> Scenario:
+        """See :class:`~trackfg.datasets.scenario.Effect`."""
+        level = 1e-3 * self.magnitude
+        across = _OF_LEVEL * level
+        track = IrregularityModel("high", level_d1_sd_m=level, alignment_d1_sd_m=across, cross_level_d1_sd_m=across)
+        return replace(plan, irregularities=track, vehicle=CarBody())

@@ -14,6 +14,7 @@ from trackfg.factors.states import Nav, States
 from trackfg.graph.inputs import GraphInputs
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.geodesy import EARTH_RADIUS, transport_rate
+from trackfg.numerics.integrals import means_around
 from trackfg.numerics.rotations import so3_exp, so3_log
 from trackfg.recording.description import ImuNoise
 from trackfg.sensors.imu_intervals import compress, increment_starts
@@ -27,6 +28,10 @@ within an increment, where the force counts as constant. Of the way of a wave th
 
 _AT_A_TIME = 400
 """Intervals whose samples are compressed together: what is needed on the way stays small."""
+
+_SPRINGS_S = 10.0
+"""Over so long a body's motion on its springs averages out, s: bodies of railway vehicles sway, roll, bounce and pitch
+at 0.5 to 2 Hz, those of cars at 1 to 2, of which a mean over 10 s leaves 6 % at most."""
 
 _UNKNOWN_ACCELERATION = 0.3
 """m/s^2, with a correlation time of 10 s: the accelerations that the tilt of a run without speed has to allow for."""
@@ -87,19 +92,28 @@ def walk_of(t: Array, response: Array, noise: ImuNoise) -> Family:
     return bias_walk(np.arange(len(t) - 1), np.diff(response, axis=0), np.sqrt(np.diff(t))[:, None] * density)
 
 
-def response_of_motion(nav: Nav, t: Array, gravity: float, response: Array) -> Array:
+def response_of_motion(nav: Nav, t: Array, gravity: float, response: Array, *, on_springs: bool) -> Array:
     """Return the response to the calibration, as ``response`` (n, 6, dim), but at mean forces and rates of the motion.
 
     A measured mean has the noise of the very increment whose residual it multiplies: with noise n beside a force f, the
     error in variables pulls a scale factor by ``-n^2 / (f^2 + n^2)`` (Fuller, *Measurement Error Models* (1987), 1.1).
     The means of the motion of keyframes (n,) at ``t``, s, have no noise but what the states took from it.
+
+    What a body does ``on_springs`` is measured well, but the graph takes it for noise of the motion along the axis, of
+    which a scale of -100 % leaves none. Forces sideways and upwards, roll and pitch are means over :data:`_SPRINGS_S`.
     """
     dt = np.diff(t)[:, None]
     turn = so3_log(np.swapaxes(nav.R[:-1], 1, 2) @ nav.R[1:])
     middle = nav.R[:-1] @ so3_exp(0.5 * turn)
     force = np.einsum("mji,mj->mi", middle, np.diff(nav.v, axis=0) / dt + [0.0, 0.0, gravity])
+    rate = turn / dt
+    if on_springs:
+        moved = np.hstack([force[:, 1:], rate[:, :2]])
+        integral = np.vstack([np.zeros(4), np.cumsum(moved * dt, axis=0)])
+        means = means_around(0.5 * (t[1:] + t[:-1]), t, integral, _SPRINGS_S)
+        force[:, 1:], rate[:, :2] = means[:, :2], means[:, 2:]
     power = np.diagonal(response[:-1, :3, RECTIFICATION], axis1=1, axis2=2)
-    terms = response_terms(force, turn / dt, power, middle, 0.5 * (nav.v[1:] + nav.v[:-1]))
+    terms = response_terms(force, rate, power, middle, 0.5 * (nav.v[1:] + nav.v[:-1]))
     return np.concatenate([terms, np.zeros((1, *terms.shape[1:]))])
 
 

@@ -34,11 +34,12 @@ def along_track(inputs: GraphInputs, turned: Turning) -> list[Family]:
     config, k = inputs.config.motion, np.arange(len(inputs.t))
     speed = np.abs(np.interp(inputs.t, inputs.path.t, inputs.path.speed))
     sigma = np.array([config.lateral_sd_mps, config.vertical_sd_mps]) + config.sd_per_speed * speed[:, None]
+    growth = config.sd_per_speed / sigma
     sigma = sigma * inputs.config.noise.motion
     huber = Huber(config.robust_width)
     return [
         _path(inputs, turned, huber),
-        non_holonomic(k, inputs.body_rate, inputs.lever_arm, sigma, huber),
+        non_holonomic(k, inputs.body_rate, inputs.lever_arm, speed, growth, sigma, huber),
     ]
 
 

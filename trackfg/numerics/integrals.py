@@ -15,3 +15,13 @@ def trapezoid_integral(t: Array, values: Array) -> Array:
     steps *= 0.5 * np.diff(t)
     np.cumsum(steps, out=steps)
     return total
+
+
+def means_around(at: Array, t: Array, integral: Array, width: float) -> Array:
+    """Return means over ``width`` around each place ``at`` (m,) of what has the ``integral`` (n, d) at ``t`` (n,).
+
+    Near both ends of ``t`` they are over what there is of the width. Shape (m, d).
+    """
+    first, last = (np.clip(at + half, t[0], t[-1]) for half in (-0.5 * width, 0.5 * width))
+    columns = [np.interp(last, t, column) - np.interp(first, t, column) for column in integral.T]
+    return np.stack(columns, axis=1) / (last - first)[:, None]

@@ -43,7 +43,9 @@ def without_noise(run: SolvedRun, problem: Problem, *, contradicted: bool) -> Pr
     if walk is None or not problem.measured:
         return None
     states = run.solution.states
-    response = response_of_motion(states.nav, problem.t, problem.measured[0].gravity, problem.response)
+    on_springs = problem.family(FactorType.PATH) is None
+    gravity = problem.measured[0].gravity
+    response = response_of_motion(states.nav, problem.t, gravity, problem.response, on_springs=on_springs)
     change = np.diff(response, axis=0)
     differs, size = (np.linalg.norm(terms, axis=(0, 1)) for terms in (walk.data["change"] - change, change))
     if (differs <= _SAME_MOTION * size).all():

@@ -13,6 +13,7 @@ from trackfg.smoothing.leaning_body import leaning_body
 from trackfg.smoothing.noise_levels import noise_levels
 from trackfg.smoothing.reassessment import Reassessor
 from trackfg.smoothing.rectification import rectification
+from trackfg.smoothing.turning_body import turning_body
 from trackfg.smoothing.weightless_sensors import weightless_sensors
 from trackfg.smoothing.wheel_scale import wheel_scale
 from trackfg.smoothing.wide_priors import wide_priors
@@ -27,4 +28,5 @@ REASSESSORS: tuple[Reassessor, ...] = (
     wide_priors,
     weightless_sensors,
     leaning_body,
+    turning_body,
 )

@@ -12,7 +12,7 @@ from trackfg.datasets.effects.catalogue import EFFECTS, effect
 from trackfg.datasets.effects.clocks import ClockJump, DelayedStamps
 from trackfg.datasets.effects.driving import Creeping, LongRest, TurningEarth
 from trackfg.datasets.effects.inertial import LowCost, Noise, Warming
-from trackfg.datasets.effects.mounting import LeverArm, SpringRoll, Tilt
+from trackfg.datasets.effects.mounting import LeverArm, RoughTrack, SpringRoll, Tilt
 from trackfg.datasets.effects.positions import Canyon, LateGnss, ScatteredFixes, WrongFixes
 from trackfg.datasets.scenarios import simulate
 from trackfg.errors import BadInputError
@@ -162,6 +162,19 @@ def test_a_body_leans_by_its_share_of_the_deficiency(run):
     assert np.polyfit(deficiency, leaning, 1)[0] == pytest.approx(0.4, rel=0.1)
     assert not soft.recording.description.imu.rigid
     assert run(SpringRoll(0.4, declared_rigid=True)).recording.description.imu.rigid
+
+
+def test_a_body_moves_in_proportion_to_the_roughness_of_the_track(run):
+    """Against the path of its reference point it pitches by some mrad on its springs."""
+    against_path = []
+    for level_mm in (3.0, 6.0):
+        simulation = run(RoughTrack(level_mm))
+        truth, moving = simulation.truth, simulation.truth["speed_mps"].to_numpy() > 10.0
+        climb = np.gradient(truth["up_m"], truth["t_s"])[moving] / truth["speed_mps"].to_numpy()[moving]
+        against_path.append(np.std(truth["pitch_rad"].to_numpy()[moving] + climb))
+        assert not simulation.recording.description.imu.rigid
+    assert against_path[0] == pytest.approx(2e-3, rel=0.5)
+    assert against_path[1] == pytest.approx(2.0 * against_path[0], rel=0.05)
 
 
 def test_stamps_on_arrival_are_late_and_in_order(run):

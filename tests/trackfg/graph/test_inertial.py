@@ -11,7 +11,7 @@ import pytest
 
 from trackfg.config import SmoothConfig
 from trackfg.datasets.scenarios import Simulation
-from trackfg.factors.bias import response_terms
+from trackfg.factors.bias import OF_GYRO_RATE, response_terms
 from trackfg.factors.states import Kind, Nav
 from trackfg.graph.build import Problem, build_problem
 from trackfg.graph.inertial import increment_s, response_of_motion
@@ -57,12 +57,31 @@ def test_the_motion_in_a_curve_has_a_force_to_the_inside_and_gravity() -> None:
     measured = np.zeros((5, 6, Kind.IMU.dim))
     sevens = np.full((4, 3), 7.0)
     measured[:-1] = response_terms(sevens, sevens, np.tile(power, (4, 1)), R[:-1], sevens)
-    response = response_of_motion(Nav(R, np.zeros((5, 3)), v * R[:, :, 0]), t, g, measured)
+    response = response_of_motion(Nav(R, np.zeros((5, 3)), v * R[:, :, 0]), t, g, measured, on_springs=False)
     middle = so3_exp(np.outer(turning * (t[:-1] + 0.25), [0.0, 0.0, 1.0]))
     motion = (np.array([0.0, v * turning, g]), np.array([0.0, 0.0, turning]), power)
     expected = response_terms(*(np.tile(mean, (4, 1)) for mean in motion), middle, v * middle[:, :, 0])
     np.testing.assert_allclose(response[:-1], expected, atol=1e-4, rtol=1e-4)
     np.testing.assert_array_equal(response[-1], 0.0)
+
+
+def test_the_response_of_a_body_on_springs_is_to_what_lasts() -> None:
+    """It goes straight on at 20 m/s, bounces by 0.1 m/s and pitches and rolls by 10 mrad at 1.3 Hz, and brakes for the
+    second half of the time by 1 m/s^2. Braking shows at once; of the rest a mean over 10 s leaves little.
+    """
+    t, g = np.arange(80) * 0.55, 9.81
+    swing = np.sin(2.0 * np.pi * 1.3 * t)
+    R = so3_exp(0.01 * swing[:, None] * [1.0, 1.0, 0.0])
+    speed = 20.0 - np.maximum(t - 21.0, 0.0)
+    nav = Nav(R, np.zeros((80, 3)), np.stack([speed, np.zeros(80), 0.1 * swing], axis=1))
+    measured = np.zeros((80, 6, Kind.IMU.dim))
+    responses = [response_of_motion(nav, t, g, measured, on_springs=springs)[:-1] for springs in (False, True)]
+    ahead, upward = (np.stack([response[:, 0, column] for response in responses]) for column in (0, 2))
+    rolling = np.stack([response[:, 3, OF_GYRO_RATE.start] for response in responses])
+    np.testing.assert_allclose(ahead[1], ahead[0])
+    assert np.diff(ahead[1][[30, 50]]) == pytest.approx(-1.0, abs=0.2)
+    for moved in (upward, rolling):
+        assert np.std(moved[1, 10:-10]) < 0.1 * np.std(moved[0, 10:-10])
 
 
 def test_increments_are_short_where_the_vehicle_is_fast() -> None:

@@ -12,11 +12,16 @@ import pandas as pd
 import pytest
 
 from trackfg.config import SmoothConfig
+from trackfg.datasets.effects.inertial import LOW_COST
+from trackfg.datasets.effects.mounting import RoughTrack
 from trackfg.datasets.faults import drop_imu, drop_tach
 from trackfg.datasets.scenarios import Simulation, scenario, simulate
 from trackfg.errors import BadInputError, UnsolvableError
 from trackfg.factors.bias import OF_GYRO_RATE
+from trackfg.factors.family import Family
+from trackfg.factors.motion import non_holonomic
 from trackfg.factors.states import Kind
+from trackfg.graph import motion
 from trackfg.numerics.rotations import matrix_from_rpy
 from trackfg.recording.description import Fixes, ImuNoise
 from trackfg.recording.model import Recording
@@ -206,6 +211,34 @@ def test_place_of_the_sensor_is_found_in_curves(place: tuple[float, float, float
     seen, sd = result.solution.states.mount[0, 2:], np.sqrt(np.diagonal(result.covariance.of(Kind.MOUNT)[0]))[2:]
     assert (np.abs(seen + place)[:2] < 4.0 * sd[:2]).all()
     assert sd[0] < 0.5
+
+
+def test_rough_track_does_not_shorten_the_way(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A body on springs turns against its path, by 6 mrad on track of 10 mm. Were the sigma of what it moves sideways
+    one of a known speed, slower motion would be likelier, and the wheel found smaller, with which only a poor sensor is
+    compared.
+    """
+    plan = scenario("mainline")
+    plan = replace(plan, imu=replace(plan.imu, rate_hz=50.0, noise=LOW_COST), balises=None)
+
+    def error(level_mm: float) -> float:
+        """Return the mean error of the distance of three runs, in its sigmas."""
+        errors = []
+        for seed in (1, 2, 3):
+            run = simulate(replace(plan, effects=(RoughTrack(level_mm),)), seed=seed, duration_s=200.0)
+            found = solved(run.recording).trajectory
+            errors.append(np.ptp(found["chainage_m"]) - np.ptp(run.truth["chainage_m"]))
+            errors[-1] /= found["chainage_m_sd"].iloc[-1]
+        return float(np.mean(errors))
+
+    def of_known_speed(*arguments: Any) -> Family:
+        family = non_holonomic(*arguments)
+        return family.with_data(growth=np.zeros_like(family.data["growth"]))
+
+    smooth_track, rough_track = error(1.0), error(10.0)
+    assert rough_track == pytest.approx(smooth_track, abs=0.3)
+    monkeypatch.setattr(motion, "non_holonomic", of_known_speed)
+    assert error(10.0) < smooth_track - 0.5
 
 
 def test_hole_of_5_s_in_the_imu(simulated: Callable[..., Simulation], smoothed: Callable[..., SmoothedStates]) -> None:

@@ -32,8 +32,10 @@ def window(begin: float = 0.0) -> Window:
     """A window of intervals of 1 s with unit noise, and sideways motion of 1 cm/s."""
     noise = PreintegrationNoise.alike(1.0, 1.0)
     measured = Preintegration(noise, 9.81, np.zeros(3), np.zeros(6), np.zeros(1), np.zeros((1, 3)), np.zeros((1, 3)))
-    motion = non_holonomic(np.arange(N + 1), np.zeros((N + 1, 3)), np.zeros(3), np.full((N + 1, 2), 0.01), None)
-    return Window(begin + np.arange(N + 1.0), cast(States, None), (measured,) * N, np.zeros((N + 1, 6, 0)), (motion,))
+    n = N + 1
+    speed, growth = np.zeros(n), np.zeros((n, 2))
+    motion = non_holonomic(np.arange(n), np.zeros((n, 3)), np.zeros(3), speed, growth, np.full((n, 2), 0.01), None)
+    return Window(begin + np.arange(n), cast(States, None), (measured,) * N, np.zeros((n, 6, 0)), (motion,))
 
 
 def residuals(size: np.ndarray) -> Residuals:
