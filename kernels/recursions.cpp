@@ -64,22 +64,47 @@ class Conditionals {
     std::ptrdiff_t widest_ = 0;
 };
 
-// Add A B to C: A (rows, inner), B (inner, columns). Four rows of B at a time.
+// Add A B to C: A (1, inner), B (inner, columns). Four rows of B at a time.
 WITH_VECTOR_UNITS
+void add_row(const double *A, const double *B, double *C, std::ptrdiff_t inner, std::ptrdiff_t columns) {
+    std::ptrdiff_t l = 0;
+    for (; l + 4 <= inner; l += 4) {
+        const double *b = B + l * columns, a0 = A[l], a1 = A[l + 1], a2 = A[l + 2], a3 = A[l + 3];
+        for (std::ptrdiff_t j = 0; j < columns; ++j)
+            C[j] += (a0 * b[j] + a1 * b[columns + j]) + (a2 * b[2 * columns + j] + a3 * b[3 * columns + j]);
+    }
+    for (; l < inner; ++l)
+        for (std::ptrdiff_t j = 0; j < columns; ++j) C[j] += A[l] * B[l * columns + j];
+}
+
+// The same of two rows of A and C, for which B is read once.
+WITH_VECTOR_UNITS
+void add_two_rows(const double *A, const double *B, double *C, std::ptrdiff_t inner, std::ptrdiff_t columns) {
+    double *__restrict c = C, *__restrict f = C + columns;
+    const double *E = A + inner;
+    std::ptrdiff_t l = 0;
+    for (; l + 4 <= inner; l += 4) {
+        const double *b = B + l * columns, a0 = A[l], a1 = A[l + 1], a2 = A[l + 2], a3 = A[l + 3];
+        const double e0 = E[l], e1 = E[l + 1], e2 = E[l + 2], e3 = E[l + 3];
+        for (std::ptrdiff_t j = 0; j < columns; ++j) {
+            const double b0 = b[j], b1 = b[columns + j], b2 = b[2 * columns + j], b3 = b[3 * columns + j];
+            c[j] += (a0 * b0 + a1 * b1) + (a2 * b2 + a3 * b3);
+            f[j] += (e0 * b0 + e1 * b1) + (e2 * b2 + e3 * b3);
+        }
+    }
+    for (; l < inner; ++l)
+        for (std::ptrdiff_t j = 0; j < columns; ++j) {
+            c[j] += A[l] * B[l * columns + j];
+            f[j] += E[l] * B[l * columns + j];
+        }
+}
+
+// Add A B to C: A (rows, inner), B (inner, columns).
 void add_product(const double *A, const double *B, double *C, std::ptrdiff_t rows, std::ptrdiff_t inner,
                  std::ptrdiff_t columns) {
-    for (std::ptrdiff_t i = 0; i < rows; ++i) {
-        const double *a = A + i * inner;
-        double *c = C + i * columns;
-        std::ptrdiff_t l = 0;
-        for (; l + 4 <= inner; l += 4) {
-            const double *b = B + l * columns, a0 = a[l], a1 = a[l + 1], a2 = a[l + 2], a3 = a[l + 3];
-            for (std::ptrdiff_t j = 0; j < columns; ++j)
-                c[j] += (a0 * b[j] + a1 * b[columns + j]) + (a2 * b[2 * columns + j] + a3 * b[3 * columns + j]);
-        }
-        for (; l < inner; ++l)
-            for (std::ptrdiff_t j = 0; j < columns; ++j) c[j] += a[l] * B[l * columns + j];
-    }
+    std::ptrdiff_t i = 0;
+    for (; i + 2 <= rows; i += 2) add_two_rows(A + i * inner, B, C + i * columns, inner, columns);
+    for (; i < rows; ++i) add_row(A + i * inner, B, C + i * columns, inner, columns);
 }
 
 // Solve R x = b (K, columns) in place; R is an upper triangle.
@@ -184,7 +209,7 @@ PyObject *forward_substitute(PyObject *, PyObject *arguments) {
 }
 
 // covariances(R, S, beyond, ahead, (nav_start, nav_dim), shared, own, cross, wanted, windows): from the covariance of s
-// (s, s) those of x_k with (x_k, s), own (n, K, K + s), and with (x_{k+1}, s), cross (n, K, K + s). Either may have no
+// (s, s) those of x_k with (x_k, s), own (n, K, K + s), and with x_{k+1}, cross (n, K, K). Either may have no
 // keyframes, if they are not wanted. windows takes those of y_k, one after the other, of the keyframes `wanted`,
 // ascending.
 PyObject *covariances(PyObject *, PyObject *arguments) {
@@ -201,7 +226,7 @@ PyObject *covariances(PyObject *, PyObject *arguments) {
     const std::ptrdiff_t n = chain.n(), K = chain.dim(), size = chain.size(), widest = chain.widest();
     if (shared.size(0) != size - K || shared.size(1) != size - K) return refused("shared variables");
     for (const Doubles *out : {&own, &with_next})
-        if ((out->size(0) != 0 && out->size(0) != n) || out->size(1) != K || out->size(2) != size)
+        if ((out->size(0) != 0 && out->size(0) != n) || out->size(1) != K || out->size(2) != (out == &own ? size : K))
             return refused("keyframes");
     std::ptrdiff_t room = 0, before = -1;
     for (std::ptrdiff_t i = 0; i < wanted.size(0); ++i) {
@@ -240,7 +265,7 @@ PyObject *covariances(PyObject *, PyObject *arguments) {
         }
         if (with_next.size(0) > 0)
             for (std::ptrdiff_t i = 0; i < K; ++i)
-                std::memcpy(with_next.data() + (k * K + i) * size, &cross[i * p], size * sizeof(double));
+                std::memcpy(with_next.data() + (k * K + i) * K, &cross[i * p], K * sizeof(double));
         for (std::ptrdiff_t i = 0; i < K; ++i) {
             for (std::ptrdiff_t j = 0; j < K; ++j) next[i * q + j] = 0.5 * (own_k[i * K + j] + own_k[j * K + i]);
             for (std::ptrdiff_t c = K; c < q; ++c) {

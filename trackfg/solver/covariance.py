@@ -33,7 +33,8 @@ class Covariance(Outlined):
     """The covariance of a chain consists of those of each keyframe, and of each with the next one.
 
     Of z_k = (x_k, s), whose s is the same for all: ``of_keyframes`` (n, KEYFRAME_DIM, d), covariances of x_k with z_k;
-    ``of_shared`` (d - KEYFRAME_DIM square), that of s; ``cross`` (n - 1, KEYFRAME_DIM, d), those of x_k with z_{k+1}.
+    ``of_shared`` (d - KEYFRAME_DIM square), that of s; ``cross`` (n - 1, KEYFRAME_DIM, KEYFRAME_DIM), those of x_k with
+    x_{k+1}.
 
     d is KEYFRAME_DIM + SHARED_DIM, in elimination order, and the dimension of each further sensor.
 
@@ -123,14 +124,18 @@ class Covariance(Outlined):
         """
         out = self.at(j)
         if i < j:
-            out = np.concatenate([self.cross[j - 1], out[KEYFRAME_DIM:]])
+            out = np.concatenate([self._with_next(slice(j - 1, j))[0], out[KEYFRAME_DIM:]])
         for gain in reversed(self._gains(i, j - 1)):
             out = np.concatenate([gain @ out, out[KEYFRAME_DIM:]])
         return out
 
+    def _with_next(self, keyframes: slice) -> Array:
+        """Return the covariances of x_k with z_{k+1}, (m, KEYFRAME_DIM, d)."""
+        return np.concatenate([self.cross[keyframes], self.of_keyframes[keyframes, :, KEYFRAME_DIM:]], axis=2)
+
     def _gains(self, begin: int, end: int) -> Array:
         """Return the regressions of x_k on z_{k+1} for keyframes from ``begin`` until before ``end``, (m, K, d)."""
-        cross, ahead = self.cross[begin:end], self.at(slice(begin + 1, end + 1))
+        cross, ahead = self._with_next(slice(begin, end)), self.at(slice(begin + 1, end + 1))
         sd = np.sqrt(np.diagonal(ahead, axis1=1, axis2=2))
         correlation = ahead / (sd[:, :, None] * sd[:, None, :])
         scaled = np.linalg.solve(correlation, np.swapaxes(cross / sd[:, None, :], 1, 2))
@@ -168,7 +173,7 @@ def _by_numpy(root: SquareRoot, marginal: Array, cross: Array) -> None:
     """Do as the kernel (kernels/recursions.cpp)."""
     for window in _windows(root):
         marginal[window.k] = window.marginal
-        cross[window.k] = window.cross[:, : root.size]
+        cross[window.k] = window.cross[:, :KEYFRAME_DIM]
 
 
 def posterior_covariance(root: SquareRoot) -> Covariance:
@@ -201,7 +206,7 @@ def posterior_covariance(root: SquareRoot) -> Covariance:
     if not isinstance(root, SquareRoot):
         raise TypeError(f"expected the square root of a solution, solution.root, not {type(root).__name__}")
     n, size = len(root.R), root.size
-    marginal, cross = np.empty((2, n, KEYFRAME_DIM, size))
+    marginal, cross = np.empty((n, KEYFRAME_DIM, size)), np.empty((n, KEYFRAME_DIM, KEYFRAME_DIM))
     if compiled_kernels():
         from trackfg.numerics import compiled
 
@@ -288,7 +293,8 @@ def _ahead(root: SquareRoot, covariance: Covariance, keyframes: np.ndarray) -> M
     sizes = np.array([root.parents(k) for k in keyframes.tolist()])
     begins = np.concatenate([np.zeros(1, dtype=np.int64), np.cumsum(sizes**2)])
     windows, none = np.empty(int(begins[-1])), np.empty((0, KEYFRAME_DIM, root.size))
-    compiled.covariances(*root.conditionals(), covariance.of_shared, none, none, keyframes, windows)
+    without = none, none[:, :, :KEYFRAME_DIM]
+    compiled.covariances(*root.conditionals(), covariance.of_shared, *without, keyframes, windows)
     return {
         k: windows[begin : begin + size**2].reshape(size, size)
         for k, begin, size in zip(keyframes.tolist(), begins[:-1].tolist(), sizes.tolist(), strict=True)

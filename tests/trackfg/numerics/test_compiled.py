@@ -155,7 +155,14 @@ _CALLS = (
     Call(compiled.forward_substitute, (*_CONDITIONALS, np.ones((2, 3)), np.ones((2, 2, 3)))),
     Call(
         compiled.covariances,
-        (*_CONDITIONALS, np.ones((2, 2)), *np.zeros((2, 2, 2, 4)), np.array([0, 1]), np.zeros(5**2 + 4**2)),
+        (
+            *_CONDITIONALS,
+            np.ones((2, 2)),
+            np.zeros((2, 2, 4)),
+            np.zeros((2, 2, 2)),
+            np.array([0, 1]),
+            np.zeros(5**2 + 4**2),
+        ),
     ),
     Call(compiled.preintegrate, (*_INCREMENTS, np.zeros(compiled.DELTA_SIZE))),
     Call(compiled.inertial_factors, (_delta()[None], R, p, v, bias, np.zeros((1, 9, 25)))),

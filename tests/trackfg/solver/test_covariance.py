@@ -232,7 +232,7 @@ def test_kernels_recur_as_numpy_does(solved: Solved, with_both: WithBoth) -> Non
     np.testing.assert_allclose(ours.of_keyframes / of_both, theirs.of_keyframes / of_both, atol=1e-8)
     shared = np.outer(sd[0, dim:], sd[0, dim:])
     np.testing.assert_allclose(ours.of_shared / shared, theirs.of_shared / shared, atol=1e-8)
-    of_neighbours = sd[:-1, :dim, None] * sd[1:, None, :]
+    of_neighbours = sd[:-1, :dim, None] * sd[1:, None, :dim]
     np.testing.assert_allclose(ours.cross / of_neighbours, theirs.cross / of_neighbours, atol=1e-8)
     for one, other, sigma in zip(drawn, also_drawn, 2 * (sd[:, :dim], sd[0, dim:]), strict=True):
         np.testing.assert_allclose(one / sigma[..., None], other / sigma[..., None], atol=1e-8)
