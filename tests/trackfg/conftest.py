@@ -8,12 +8,13 @@ import copy
 import functools
 import json
 import os
+import select
 import shutil
 import subprocess
 import sys
 import textwrap
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -87,21 +88,25 @@ def trackfg(
 
 
 FORKING = """
-# Each line names a folder, what to run there and its arguments: it runs in a fork of this process, which has imported
-# trackfg. The line that is answered says where it has ended.
+# Each line describes a program and where it runs: it does so in a fork of this process, which has imported trackfg. The
+# first line that is answered is the fork's process id, the second one how it has ended.
 import json, os, sys, traceback
-import trackfg.cli.main, trackfg.maps, trackfg.results.result
+import trackfg.cli.main, trackfg.datasets.scenarios, trackfg.maps, trackfg.results.result
+import trackfg.smoothing.smoother, trackfg.streaming.run
 
 for line in sys.stdin:
-    folder, said, program, *sys.argv[1:] = json.loads(line)
+    asked = json.loads(line)
     child = os.fork()
     if child == 0:
-        os.chdir(folder)
-        for number, name in ((1, "out"), (2, "err")):
-            os.dup2(os.open(os.path.join(said, name), os.O_WRONLY | os.O_CREAT | os.O_TRUNC), number)
-        code = 1
+        os.chdir(asked["folder"])
+        os.environ.clear()
+        os.environ.update(asked["environment"])
+        for number, name in enumerate(asked["streams"]):
+            kind = os.O_RDONLY if number == 0 else os.O_WRONLY | os.O_CREAT | os.O_TRUNC
+            os.dup2(os.open(name, kind | os.O_NOCTTY), number)
+        sys.argv[1:], code = asked["arguments"], 1
         try:
-            exec(compile(program, "<forked>", "exec"), {"__name__": "__main__"})
+            exec(compile(asked["program"], "<forked>", "exec"), {"__name__": "__main__"})
             code = 0
         except SystemExit as end:
             code = end.code or 0
@@ -110,33 +115,73 @@ for line in sys.stdin:
         sys.stdout.flush()
         sys.stderr.flush()
         os._exit(code)
+    print(child, flush=True)
     print(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]), flush=True)
 """
 
 
-@pytest.fixture(scope="session")
-def forked(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Callable[..., subprocess.CompletedProcess[str]]]:
-    """Return what runs a Python program with arguments in ``cwd``, in a fork of an interpreter that imports trackfg
-    once for all. What forks itself, or is killed, cannot run in the process of the tests.
+@dataclass(frozen=True)
+class Forks:
+    """Runs Python programs, one at a time, in forks of an interpreter that imports trackfg once for all.
+
+    What forks itself, is killed, or writes to a terminal cannot run in the process of the tests.
     """
-    said = tmp_path_factory.mktemp("forked")
+
+    interpreter: subprocess.Popen[bytes]
+    said: Path
+
+    def __call__(self, program: str, *arguments: object, cwd: Path | None = None) -> subprocess.CompletedProcess[str]:
+        """Run a program with arguments in ``cwd``."""
+        self.begin(program, *arguments, cwd=cwd)
+        words = [program, *map(str, arguments)]
+        return subprocess.CompletedProcess(
+            words, self.end(), *((self.said / name).read_text() for name in ("out", "err"))
+        )
+
+    def begin(
+        self,
+        program: str,
+        *arguments: object,
+        cwd: Path | None = None,
+        streams: tuple[Path | None, Path | None, Path | None] = (None, None, None),
+        environment: Mapping[str, str] = os.environ,
+    ) -> int:
+        """Begin a program, whose standard streams are files; return the id of its process, which has to :meth:`end`."""
+        usual = (Path(os.devnull), self.said / "out", self.said / "err")
+        asked = {
+            "folder": str(cwd or self.said),
+            "program": textwrap.dedent(program),
+            "arguments": [str(argument) for argument in arguments],
+            "streams": [str(stream or other) for stream, other in zip(streams, usual, strict=True)],
+            "environment": {**environment, "OPENBLAS_NUM_THREADS": "1"},
+        }
+        assert self.interpreter.stdin is not None
+        self.interpreter.stdin.write(f"{json.dumps(asked)}\n".encode())
+        return int(self._answer())
+
+    def runs(self) -> bool:
+        """Return whether the program that was begun has not ended."""
+        return not select.select([self.interpreter.stdout], [], [], 0.0)[0]
+
+    def end(self) -> int:
+        """Wait for the end of the program that was begun; return its status."""
+        return int(self._answer())
+
+    def _answer(self) -> bytes:
+        assert self.interpreter.stdout is not None
+        return self.interpreter.stdout.readline()
+
+
+@pytest.fixture(scope="session")
+def forked(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Forks]:
+    """Return what runs Python programs in forks."""
     command, environment = [sys.executable, "-c", FORKING], {**os.environ, "OPENBLAS_NUM_THREADS": "1"}
     with subprocess.Popen(
-        command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=environment
-    ) as process:
-        assert process.stdin is not None
-        assert process.stdout is not None
-        asked, answers = process.stdin, process.stdout
-
-        def run(program: str, *arguments: object, cwd: Path | None = None) -> subprocess.CompletedProcess[str]:
-            words = [str(cwd or said), str(said), textwrap.dedent(program), *map(str, arguments)]
-            asked.write(json.dumps(words) + "\n")
-            asked.flush()
-            code = int(answers.readline())
-            return subprocess.CompletedProcess(words, code, *((said / name).read_text() for name in ("out", "err")))
-
-        yield run
-        asked.close()
+        command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, env=environment, bufsize=0
+    ) as interpreter:
+        yield Forks(interpreter, tmp_path_factory.mktemp("forked"))
+        assert interpreter.stdin is not None
+        interpreter.stdin.close()
 
 
 @pytest.fixture(scope="session")

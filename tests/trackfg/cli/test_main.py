@@ -497,7 +497,7 @@ def test_report_of_something_else(run: Run, recording: Path, tmp_path: Path, wha
     assert list(tmp_path.iterdir()) == []
 
 
-def test_ctrl_c_leaves_nothing(recording: Path, tmp_path: Path) -> None:
+def test_ctrl_c_leaves_nothing(recording: Path, tmp_path: Path, forked: Any) -> None:
     """Interrupted as soon as it has begun to write: the hidden workspace is gone and the status is 130."""
     program = (
         "import sys, os, signal, trackfg.results.result as r\n"
@@ -505,14 +505,13 @@ def test_ctrl_c_leaves_nothing(recording: Path, tmp_path: Path) -> None:
         "r.Summary.model_dump_json = lambda *_, **__: os.kill(os.getpid(), signal.SIGINT)\n"
         "from trackfg.cli.main import main; main()"
     )
-    command = [sys.executable, "-c", program, recording, tmp_path / "out"]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    done = forked(program, recording, tmp_path / "out")
     assert done.returncode == 130
     assert "Traceback" not in done.stderr
     assert list(tmp_path.iterdir()) == []
 
 
-def test_ctrl_c_while_a_compiled_library_is_imported(tmp_path: Path) -> None:
+def test_ctrl_c_while_a_compiled_library_is_imported(tmp_path: Path, forked: Any) -> None:
     """Its initialisation fails with an ImportError that was caused by the interrupt."""
     program = (
         "import sys, importlib\n"
@@ -523,13 +522,12 @@ def test_ctrl_c_while_a_compiled_library_is_imported(tmp_path: Path) -> None:
         "sys.argv = ['trackfg', 'simulate', 'mainline', '-o', sys.argv[1]]\n"
         "from trackfg.cli.main import main; main()"
     )
-    command = [sys.executable, "-c", program, tmp_path / "rec"]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    done = forked(program, tmp_path / "rec")
     assert (done.returncode, done.stderr.strip()) == (130, "")
     assert list(tmp_path.iterdir()) == []
 
 
-def test_ctrl_c_within_a_finaliser(tmp_path: Path) -> None:
+def test_ctrl_c_within_a_finaliser(tmp_path: Path, forked: Any) -> None:
     """Python ignores what a finaliser raises; importing runs many of them."""
     program = (
         "import importlib, sys, time\n"
@@ -542,7 +540,7 @@ def test_ctrl_c_within_a_finaliser(tmp_path: Path) -> None:
         "sys.argv = ['trackfg', 'simulate', 'mainline', '-o', sys.argv[1]]\n"
         "from trackfg.cli.main import main; main()"
     )
-    done = subprocess.run([sys.executable, "-c", program, tmp_path / "rec"], capture_output=True, text=True)
+    done = forked(program, tmp_path / "rec")
     assert (done.returncode, done.stderr.strip()) == (130, "")
     assert list(tmp_path.iterdir()) == []
 

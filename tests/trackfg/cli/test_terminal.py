@@ -6,12 +6,15 @@ import fcntl
 import os
 import pty
 import re
+import select
 import shlex
 import struct
 import subprocess
 import sys
 import termios
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 from rich.table import Table
@@ -20,20 +23,44 @@ from rich.text import Text
 from trackfg.cli.terminal import command, show
 from trackfg.datasets.scenarios import simulate
 
+OnTerminal = Callable[..., str]
 _COLUMNS = 80
 
 
-def on_terminal(*arguments: object, stdout: bool = True, status: int = 0) -> str:
-    """Return what a command of trackfg writes to a terminal of 80 columns, by either stream or by stderr alone.
+MAIN = "from trackfg.cli.main import main; main()"
 
-    Its exit status has to be ``status``.
-    """
+
+@pytest.fixture
+def on_terminal(forked: Any) -> OnTerminal:
+    """Return what runs a command of trackfg on a terminal of 80 columns."""
+
+    def run(*arguments: object, stdout: bool = True, status: int = 0) -> str:
+        """Return what the command writes to the terminal, by either stream or by stderr alone.
+
+        Its exit status has to be ``status``.
+        """
+        ours, theirs = pty.openpty()
+        fcntl.ioctl(theirs, termios.TIOCSWINSZ, struct.pack("HHHH", 40, _COLUMNS, 0, 0))
+        terminal, shown = Path(os.ttyname(theirs)), b""
+        out = terminal if stdout else Path(os.devnull)
+        forked.begin(MAIN, *arguments, streams=(None, out, terminal), environment=_environment())
+        while (is_running := forked.runs()) or select.select([ours], [], [], 0.0)[0]:
+            if select.select([ours], [], [], 0.01 if is_running else 0.0)[0]:
+                shown += os.read(ours, 4096)
+        os.close(ours)
+        os.close(theirs)
+        assert forked.end() == status, shown
+        return _text(shown)
+
+    return run
+
+
+def in_new_interpreter(*arguments: object) -> str:
+    """Return what a command of trackfg, which ends well, writes to a terminal of 80 columns."""
     ours, theirs = pty.openpty()
     fcntl.ioctl(theirs, termios.TIOCSWINSZ, struct.pack("HHHH", 40, _COLUMNS, 0, 0))
-    environment = {name: text for name, text in os.environ.items() if name not in ("COLUMNS", "LINES", "NO_COLOR")}
     command = [sys.executable, "-m", "trackfg", *map(str, arguments)]
-    out = theirs if stdout else subprocess.DEVNULL
-    with subprocess.Popen(command, stdout=out, stderr=theirs, env={**environment, "TERM": "xterm"}) as process:
+    with subprocess.Popen(command, stdout=theirs, stderr=theirs, env=_environment()) as process:
         os.close(theirs)
         shown = b""
         while True:
@@ -42,7 +69,17 @@ def on_terminal(*arguments: object, stdout: bool = True, status: int = 0) -> str
             except OSError:  # the terminal is closed when the process ends
                 break
     os.close(ours)
-    assert process.returncode == status, shown
+    assert process.returncode == 0, shown
+    return _text(shown)
+
+
+def _environment() -> dict[str, str]:
+    environment = {name: text for name, text in os.environ.items() if name not in ("COLUMNS", "LINES", "NO_COLOR")}
+    return {**environment, "TERM": "xterm"}
+
+
+def _text(shown: bytes) -> str:
+    """Return what was shown, without control sequences."""
     return re.sub(r"\x1b\[[0-9;?]*[a-zA-Z]", "", shown.decode())
 
 
@@ -53,34 +90,36 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def test_progress_of_a_simulation(tmp_path: Path) -> None:
+def test_progress_of_a_simulation(on_terminal: OnTerminal, tmp_path: Path) -> None:
     shown = on_terminal("simulate", "trolley", "-o", tmp_path / "a", "--duration", 20)
     assert "sensors" in shown
     assert "left" in shown
     assert on_terminal("simulate", "trolley", "-o", tmp_path / "b", "--duration", 20, "--quiet") == ""
 
 
-def test_progress_of_a_check(recording: Path) -> None:
+def test_progress_of_a_check(on_terminal: OnTerminal, recording: Path) -> None:
     assert re.search(r"reading +━+ +0% \d:\d\d:\d\d .* left", on_terminal("check", recording))
     shown = on_terminal("--quiet", "check", recording)
     assert "━ " not in shown
     assert "Nothing to report" in shown or "Findings" in shown  # the list that was asked for
 
 
-def test_progress_of_smoothing(recording: Path, tmp_path: Path) -> None:
+def test_progress_of_smoothing(on_terminal: OnTerminal, recording: Path, tmp_path: Path) -> None:
     assert "%" in on_terminal("smooth", recording, "-o", tmp_path / "out", stdout=False)
 
 
-def test_a_command_shows_at_once_that_it_has_begun_and_at_last_what_follows(recording: Path, tmp_path: Path) -> None:
-    shown = on_terminal("smooth", recording, "-o", tmp_path / "out")
+def test_a_command_shows_at_once_that_it_has_begun_and_at_last_what_follows(
+    recording: Path, tmp_path: Path, trackfg: Callable[..., subprocess.CompletedProcess[str]]
+) -> None:
+    shown = in_new_interpreter("smooth", recording, "-o", tmp_path / "out")
     assert shown.index("starting") < shown.index("Summary")
     assert shown.rstrip().splitlines()[-1].startswith("next: trackfg report ")
-    command = [sys.executable, "-m", "trackfg", "check", recording]
-    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    done = trackfg("check", recording)
+    assert done.returncode == 0
     assert "next:" not in done.stdout + done.stderr  # a program that reads it wants what was asked for
 
 
-def test_messages_break_between_words(recording: Path) -> None:
+def test_messages_break_between_words(on_terminal: OnTerminal, recording: Path) -> None:
     shown = on_terminal("report", recording, "-o", "nowhere/page.html", status=2)
     lines = shown.splitlines()
     assert len(lines) > 1
@@ -88,7 +127,7 @@ def test_messages_break_between_words(recording: Path) -> None:
     assert " ".join(lines[-3:]).count("expected a folder that trackfg wrote") == 1
 
 
-def test_a_stream_shows_where_it_is(recording: Path, tmp_path: Path) -> None:
+def test_a_stream_shows_where_it_is(on_terminal: OnTerminal, recording: Path, tmp_path: Path) -> None:
     shown = on_terminal("stream", recording, "-o", tmp_path / "a", "--lag", 5)
     status = re.findall(r"([\d.]+) s (-?[\d.]+) m (-?[\d.]+) km/h delay ([\d.]+) s \d+ events?", shown)
     assert float(status[-1][0]) == pytest.approx(40.0, abs=1.0)
