@@ -28,6 +28,7 @@ demo: $(READY)
 test test-fast: export OPENBLAS_NUM_THREADS = 1
 
 test: $(READY)
+	$(BIN)/python -m compileall -q trackfg factors datasets tools
 	$(BIN)/python -m pytest -n 2 --dist loadfile -m "not pages"
 
 pages: $(READY)
@@ -39,6 +40,7 @@ docs: $(READY)
 	$(BIN)/python tools/site_links.py build/docs
 
 test-fast: $(READY)
+	$(BIN)/python -m compileall -q trackfg factors datasets tools
 	$(BIN)/python -m pytest -n 2 --dist loadfile -m "not slow and not pages"
 
 check: lint types layers

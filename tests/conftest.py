@@ -4,18 +4,21 @@ and modules that are compiled once.
 
 from __future__ import annotations
 
-import importlib
+import importlib.util
 import os
 import signal
 import sys
 import tempfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
+import numpy as np
 import pytest
 from hypothesis import HealthCheck, settings
 
+import trackfg
 from trackfg.numerics.kernels import compiled_kernels
 
 # A shell has what it starts in the background ignore Ctrl-C, and so does all that is started from there: tests that
@@ -36,10 +39,11 @@ _COMPILED = pytest.StashKey[str]()
 
 def pytest_configure(config: pytest.Config) -> None:
     """Give the interpreters that tests start one folder for compiled modules where the environment has Python write
-    none: each would compile all that it imports anew, which takes a command longer than its work. The process of the
-    tests, and its workers, use no such folder: libraries that are compiled in them would warn, which is an error.
+    none, and has none yet: each would compile all that it imports anew, which takes a command longer than its work. The
+    process of the tests, and its workers, use no such folder: libraries that are compiled in them would warn, which is
+    an error.
     """
-    if "PYTHONDONTWRITEBYTECODE" not in os.environ:
+    if "PYTHONDONTWRITEBYTECODE" not in os.environ or all(map(_is_compiled, (np, trackfg))):
         return
     folder = getattr(config, "workerinput", {}).get(_FOLDER)
     if folder is None:
@@ -49,6 +53,12 @@ def pytest_configure(config: pytest.Config) -> None:
     if not config.getoption("numprocesses", None):
         del os.environ["PYTHONDONTWRITEBYTECODE"]
         os.environ["PYTHONPYCACHEPREFIX"] = folder
+
+
+def _is_compiled(module: ModuleType) -> bool:
+    """Return whether a module was compiled where it is installed, and with it the others there."""
+    assert module.__file__ is not None
+    return Path(importlib.util.cache_from_source(module.__file__)).exists()
 
 
 @pytest.hookimpl(optionalhook=True)
