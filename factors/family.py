@@ -49,17 +49,34 @@ def in_kernel(kernel: Kernel) -> Callable[[Evaluate], Evaluate]:
     return registered
 
 
-def linear_rows(name: str, *data: str) -> Kernel:
-    """Return the kernel of that name in ``kernels/factors.cpp``, which takes these data of a family in this order."""
+@dataclass(frozen=True)
+class LinearRows:
+    """The kernel of that ``name`` in ``kernels/factors.cpp``, which takes these ``data`` of a family in this order."""
 
-    def kernel(family: Family, states: States, width: float, rows: Array) -> bool:
+    name: str
+    data: tuple[str, ...]
+
+    def arguments(self, family: Family) -> tuple[tuple[np.ndarray, ...], tuple[Array, ...], Array]:
+        """Return what the kernel takes of a family: indices, data and sigma."""
+        indices = tuple([np.ascontiguousarray(slot.index, dtype=np.int64) for slot in family.slots])
+        measured = tuple([kernel_argument(family.data[column]) for column in self.data])
+        return indices, measured, kernel_argument(family.sigma)
+
+    def __call__(self, family: Family, states: States, width: float, rows: Array) -> bool:
+        """See :data:`Kernel`."""
         from trackfg.numerics import compiled
 
-        indices = tuple(np.ascontiguousarray(slot.index, dtype=np.int64) for slot in family.slots)
-        measured = tuple(kernel_argument(family.data[column]) for column in data)
-        return compiled.linear_rows(name, states.arrays, indices, measured, kernel_argument(family.sigma), width, rows)
+        return compiled.linear_rows(self.name, states.arrays, *self.arguments(family), width, rows)
 
-    return kernel
+
+def linear_rows(name: str, *data: str) -> Kernel:
+    """Return the kernel of that name, with the data of a family that it takes, in this order."""
+    return LinearRows(name, data)
+
+
+def kernel_of(family: Family) -> Kernel | None:
+    """Return the kernel of a family's type, if there is one."""
+    return _KERNELS.get(family.evaluate)
 
 
 @dataclass(frozen=True, repr=False)
@@ -239,7 +256,7 @@ class Family(Outlined):
 
     def _rows_by_kernel(self, states: States, columns: int, width: float) -> Array | None:
         """Return the rows that a compiled kernel writes; None where none does."""
-        kernel = _KERNELS.get(self.evaluate) if compiled_kernels() else None
+        kernel = kernel_of(self) if compiled_kernels() else None
         if kernel is None:
             return None
         rows = np.empty((*self.sigma.shape, columns))

@@ -169,7 +169,7 @@ class InertialFactors(Outlined):
         return float(np.sum(self.costs(states)))
 
     @cached_property
-    def _deltas(self) -> Array:
+    def deltas(self) -> Array:
         """All preintegrated measurements, shape (n - 1, DELTA_SIZE). Each interval keeps its row, and no copy of it."""
         from trackfg.numerics import compiled
 
@@ -186,7 +186,7 @@ class InertialFactors(Outlined):
         if len(rows):
             nav = states.nav
             R, p, v, bias = map(kernel_argument, (nav.R, nav.p, nav.v, states.bias))
-            compiled.inertial_factors(self._deltas, R, p, v, bias, rows)
+            compiled.inertial_factors(self.deltas, R, p, v, bias, rows)
         return rows
 
 

@@ -104,18 +104,25 @@ def retract_in_chart(origin: States, step: Step) -> States:
     return replace(states, nav=Nav(R, states.nav.p, v))
 
 
-def _rows_in_kernel(family: Family, states: States, _width: float, rows: Array) -> bool:
-    """Do as :func:`_marginal`, in ``kernels/factors.cpp``: see :data:`trackfg.factors.family.Kernel`."""
-    from trackfg.numerics import compiled
+class PriorRows:
+    """The kernel of a marginal prior in ``kernels/factors.cpp``."""
 
-    data = family.data
-    origin, A, b, sigma = (kernel_argument(one[0]) for one in (data["sensor"], data["A"], data["b"], family.sigma))
-    sensor, keyframe = kernel_argument(states.sensor[: len(origin)]), int(family.slots[0].index[0])
-    origins = tuple(kernel_argument(data[name]) for name in _ORIGINS)
-    return compiled.marginal_prior(states.arrays, sensor, keyframe, origins, origin, A, b, sigma, rows[0])
+    @staticmethod
+    def arguments(family: Family, states: States) -> tuple[Array, int, tuple[Array, ...], Array, Array, Array, Array]:
+        """Return what the kernel takes of a family and of the further sensors' states."""
+        data = family.data
+        origin, A, b, sigma = [kernel_argument(one[0]) for one in (data["sensor"], data["A"], data["b"], family.sigma)]
+        sensor, keyframe = kernel_argument(states.sensor[: len(origin)]), int(family.slots[0].index[0])
+        return sensor, keyframe, tuple([kernel_argument(data[name]) for name in _ORIGINS]), origin, A, b, sigma
+
+    def __call__(self, family: Family, states: States, _width: float, rows: Array) -> bool:
+        """Do as :func:`_marginal`: see :data:`trackfg.factors.family.Kernel`."""
+        from trackfg.numerics import compiled
+
+        return compiled.marginal_prior(states.arrays, *self.arguments(family, states), rows[0])
 
 
-@in_kernel(_rows_in_kernel)
+@in_kernel(PriorRows())
 def _marginal(
     *values: Value, R: Array, p: Array, v: Array, A: Array, b: Array, **origins: Array
 ) -> tuple[Array, tuple[Array, ...]]:

@@ -4,6 +4,7 @@
 #include <vector>
 
 #include "arrays.h"
+#include "factors.h"
 #include "rotations.h"
 #include "states.h"
 
@@ -252,7 +253,9 @@ void rail_apart(const Given &given, const Rows &rows) { same_rail(given, rows, 0
 
 constexpr Variable NONE = VARIABLES;
 
-struct Type {
+}  // namespace
+
+struct FactorType {
     const char *name;
     void (*compute)(const Given &, const Rows &);
     int rows;
@@ -266,7 +269,9 @@ struct Type {
     }
 };
 
-const Type TYPES[] = {
+namespace {
+
+const FactorType TYPES[] = {
     {"distance_chain", distance_chain, 2, {OF_ODO, OF_ODO, NONE, NONE}, {}},
     {"tach_distance", tach_distance, 1, {OF_ODO, OF_ODO, OF_WHEEL, NONE}, {WHEEL}},
     {"tach_reading", tach_reading, 1, {OF_ODO, OF_CLOCK, NONE, NONE}, {1, 1, 1}},
@@ -283,6 +288,82 @@ const Type TYPES[] = {
 
 }  // namespace
 
+Factors::Factors(const char *type, PyObject *indices, PyObject *data, PyObject *sigma, double width)
+    : type_(std::find_if(std::begin(TYPES), std::end(TYPES),
+                         [&](const FactorType &one) { return std::strcmp(one.name, type) == 0; })),
+      data_(data), sigma_(sigma, 2), width_(width) {
+    if (!data_.ok() || !sigma_.ok()) return;
+    if (type_ == std::end(TYPES)) {
+        refused("a type of factors that has no kernel");
+        return;
+    }
+    if (!PyTuple_Check(indices) || PyTuple_Size(indices) != slots()) {
+        refused("slots");
+        return;
+    }
+    for (int slot = 0; slot < slots(); ++slot) {
+        indices_.emplace_back(PyTuple_GetItem(indices, slot), 1);
+        if (!indices_.back().ok()) return;
+    }
+    ok_ = true;
+}
+
+int Factors::slots() const {
+    return static_cast<int>(std::find(type_->slots, type_->slots + MOST_SLOTS, NONE) - type_->slots);
+}
+
+Variable Factors::kind(int slot) const { return type_->slots[slot]; }
+
+std::ptrdiff_t Factors::columns() const { return type_->columns(); }
+
+bool Factors::fit(const Values &values) const {
+    if (!ok_) return false;
+    const auto refuse = [](const char *what) { return refused(what) != nullptr; };
+    const std::ptrdiff_t factors = count();
+    if (rows() != type_->rows) return refuse("rows");
+    int measurements = 0;
+    for (; measurements < MOST_DATA && type_->data[measurements] > 0; ++measurements)
+        if (measurements >= data_.count() || !data_.has(measurements, factors, type_->data[measurements]))
+            return refuse("measurements");
+    if (data_.count() != measurements) return refuse("measurements");
+    for (int slot = 0; slot < slots(); ++slot) {
+        if (indices_[slot].size(0) != factors) return refuse("slots");
+        for (std::ptrdiff_t k = 0; k < factors; ++k)
+            if (index(slot, k) < 0 || index(slot, k) >= values.count[kind(slot)]) return refuse("slots");
+    }
+    return true;
+}
+
+double Factors::linearise(const Values &values, std::ptrdiff_t k, double *out, std::ptrdiff_t columns) const {
+    Given given{};
+    for (int slot = 0; slot < slots(); ++slot) {
+        const std::int64_t at = index(slot, k);
+        given.value[slot] = values.value[kind(slot)] + at * DIMENSION[kind(slot)];
+        if (kind(slot) == OF_NAV) given.p[slot] = values.p + 3 * at, given.v[slot] = values.v + 3 * at;
+    }
+    for (std::ptrdiff_t i = 0; i < data_.count(); ++i) given.data[i] = data_.data(i) + k * type_->data[i];
+    const Rows rows{out, columns};
+    type_->compute(given, rows);
+    double bound = 0.0, square = 0.0;
+    for (int i = 0; i < type_->rows; ++i) {
+        const double scale = 1.0 / sigma_.data()[k * type_->rows + i];
+        for (std::ptrdiff_t j = 0; j < columns; ++j) {
+            double &entry = rows.out[i * columns + j];
+            bound += entry * entry;
+            entry *= scale;
+        }
+        const double b = rows.out[(i + 1) * columns - 1];
+        square += b * b;
+    }
+    const double norm = std::sqrt(square), share = norm / width_;
+    const double weight = width_ > 0.0   ? std::min(1.0, width_ / std::max(norm, 1e-12))
+                          : width_ < 0.0 ? 1.0 / (1.0 + share * share)
+                                         : 1.0;
+    if (weight != 1.0)
+        for (std::ptrdiff_t i = 0; i < type_->rows * columns; ++i) rows.out[i] *= std::sqrt(weight);
+    return bound;
+}
+
 // linear_rows(type, values, indices, data, sigma (m, d), width, rows (m, d, c)): factors of a type on `values` (as
 // States.arrays has them), of which slot j of a factor touches number indices[j]. Rows [A b], or b alone where c is 1, are
 // whitened and, where `width` is above 0, weighted by Huber's loss, where it is below 0 by Cauchy's of width -`width`.
@@ -292,73 +373,22 @@ PyObject *linear_rows(PyObject *, PyObject *arguments) {
     PyObject *py[5];
     double width;
     if (!PyArg_ParseTuple(arguments, "sOOOOdO", &name, &py[0], &py[1], &py[2], &py[3], &width, &py[4])) return nullptr;
-    const Type *type = std::find_if(std::begin(TYPES), std::end(TYPES),
-                                    [&](const Type &one) { return std::strcmp(one.name, name) == 0; });
-    if (type == std::end(TYPES)) return refused("a type of factors that has no kernel");
     const Arrays arrays(py[0]);
     if (!arrays.ok()) return nullptr;
     const Values values(arrays);
     if (!values.ok) return refused("values");
-    const Arrays data(py[2]);
-    if (!data.ok()) return nullptr;
-    const Doubles sigma(py[3], 2), out(py[4], 3, true);
-    if (!sigma.ok() || !out.ok()) return nullptr;
-    const std::ptrdiff_t factors = sigma.size(0), columns = out.size(2);
-    if (sigma.size(1) != type->rows || out.size(0) != factors || out.size(1) != type->rows ||
-        (columns != 1 && columns != type->columns()))
+    const Factors factors(name, py[1], py[2], py[3], width);
+    if (!factors.fit(values)) return nullptr;
+    const Doubles out(py[4], 3, true);
+    if (!out.ok()) return nullptr;
+    const std::ptrdiff_t columns = out.size(2);
+    if (out.size(0) != factors.count() || out.size(1) != factors.rows() || (columns != 1 && columns != factors.columns()))
         return refused("rows");
-    int measurements = 0;
-    for (; measurements < MOST_DATA && type->data[measurements] > 0; ++measurements)
-        if (measurements >= data.count() || !data.has(measurements, factors, type->data[measurements]))
-            return refused("measurements");
-    if (data.count() != measurements) return refused("measurements");
-
-    std::vector<std::int64_t> index[MOST_SLOTS];
-    if (!PyTuple_Check(py[1])) return refused("slots");
-    int slots = 0;
-    for (; slots < MOST_SLOTS && type->slots[slots] != NONE; ++slots) {
-        if (slots >= PyTuple_Size(py[1])) return refused("slots");
-        const Integers own(PyTuple_GetItem(py[1], slots), 1);
-        if (!own.ok()) return nullptr;
-        if (own.size(0) != factors) return refused("slots");
-        index[slots].assign(own.data(), own.data() + factors);
-        for (const std::int64_t at : index[slots])
-            if (at < 0 || at >= values.count[type->slots[slots]]) return refused("slots");
-    }
-    if (PyTuple_Size(py[1]) != slots) return refused("slots");
-
     double bound = 0.0;
     std::fill_n(out.data(), out.total(), 0.0);
     Py_BEGIN_ALLOW_THREADS;
-    for (std::ptrdiff_t k = 0; k < factors; ++k) {
-        Given given{};
-        for (int slot = 0; slot < slots; ++slot) {
-            const Variable kind = type->slots[slot];
-            const std::int64_t at = index[slot][k];
-            given.value[slot] = values.value[kind] + at * DIMENSION[kind];
-            if (kind == OF_NAV) given.p[slot] = values.p + 3 * at, given.v[slot] = values.v + 3 * at;
-        }
-        for (int i = 0; i < measurements; ++i) given.data[i] = data.data(i) + k * type->data[i];
-        const Rows rows{out.data() + k * type->rows * columns, columns};
-        type->compute(given, rows);
-        double square = 0.0;
-        for (int i = 0; i < type->rows; ++i) {
-            const double scale = 1.0 / sigma.data()[k * type->rows + i];
-            for (std::ptrdiff_t j = 0; j < columns; ++j) {
-                double &entry = rows.out[i * columns + j];
-                bound += entry * entry;
-                entry *= scale;
-            }
-            const double b = rows.out[(i + 1) * columns - 1];
-            square += b * b;
-        }
-        const double norm = std::sqrt(square), share = norm / width;
-        const double weight = width > 0.0   ? std::min(1.0, width / std::max(norm, 1e-12))
-                              : width < 0.0 ? 1.0 / (1.0 + share * share)
-                                            : 1.0;
-        if (weight != 1.0)
-            for (std::ptrdiff_t i = 0; i < type->rows * columns; ++i) rows.out[i] *= std::sqrt(weight);
-    }
+    for (std::ptrdiff_t k = 0; k < factors.count(); ++k)
+        bound += factors.linearise(values, k, out.data() + k * factors.rows() * columns, columns);
     Py_END_ALLOW_THREADS;
     return PyBool_FromLong(std::isfinite(bound));
 }
@@ -381,42 +411,35 @@ void chart_by_state(const NavState &state, const NavState &origin, double (&out)
 
 }  // namespace
 
-// marginal_prior(values, sensor (s, 2), keyframe, origins, sensor_origins (s, 2), A (r, n), b (r), sigma (r),
-// rows (r, n + 1)): the factor on a keyframe and the shared variables, linearised at `values`, or b alone into rows (r, 1);
-// `origins` are those of one keyframe. Both are as States.arrays has them. Returns as linear_rows().
-PyObject *marginal_prior(PyObject *, PyObject *arguments) {
-    PyObject *py[8];
-    Py_ssize_t keyframe;
-    if (!PyArg_ParseTuple(arguments, "OOnOOOOOO", &py[0], &py[1], &keyframe, &py[2], &py[3], &py[4], &py[5], &py[6],
-                          &py[7]))
-        return nullptr;
-    const Arrays arrays(py[0]);
-    if (!arrays.ok()) return nullptr;
-    const Doubles sensor(py[1], 2);
-    if (!sensor.ok()) return nullptr;
-    const Arrays origin_arrays(py[2]);
-    if (!origin_arrays.ok()) return nullptr;
-    const Doubles sensor_origin(py[3], 2), A(py[4], 2), b(py[5], 1), sigma(py[6], 1), rows(py[7], 2, true);
-    if (!sensor_origin.ok() || !A.ok() || !b.ok() || !sigma.ok() || !rows.ok()) return nullptr;
-    const Values values(arrays), origins(origin_arrays);
-    if (!values.ok || !origins.ok || keyframe < 0 || keyframe >= values.count[OF_NAV]) return refused("values");
-    if (!values.of_one_run() || !origins.of_one_run() || origins.count[OF_NAV] != 1) return refused("values");
-    const std::ptrdiff_t of_sensors = sensor_origin.total(), tall = A.size(0);
-    if (sensor.size(1) != SENSOR || sensor_origin.size(1) != SENSOR || sensor_origin.size(0) != sensor.size(0))
-        return refused("sensors");
-    const std::ptrdiff_t n = KEYFRAME + SHARED + of_sensors, columns = rows.size(1);
-    if (A.size(1) != n || b.size(0) != tall || sigma.size(0) != tall || rows.size(0) != tall ||
-        (columns != n + 1 && columns != 1))
-        return refused("rows");
+Prior::Prior(PyObject *sensor, Py_ssize_t keyframe, PyObject *origins, PyObject *sensor_origins, PyObject *A, PyObject *b,
+             PyObject *sigma)
+    : sensor_(sensor, 2), keyframe_(keyframe), origins_(origins), sensor_origins_(sensor_origins, 2), A_(A, 2), b_(b, 1),
+      sigma_(sigma, 1) {}
 
+bool Prior::fit(const Values &values) const {
+    if (!sensor_.ok() || !origins_.ok() || !sensor_origins_.ok() || !A_.ok() || !b_.ok() || !sigma_.ok()) return false;
+    const auto refuse = [](const char *what) { return refused(what) != nullptr; };
+    const Values origins(origins_);
+    if (!values.ok || !origins.ok || keyframe_ < 0 || keyframe_ >= values.count[OF_NAV]) return refuse("values");
+    if (!values.of_one_run() || !origins.of_one_run() || origins.count[OF_NAV] != 1) return refuse("values");
+    if (sensor_.size(1) != SENSOR || sensor_origins_.size(1) != SENSOR || sensor_origins_.size(0) != sensor_.size(0))
+        return refuse("sensors");
+    if (A_.size(1) != KEYFRAME + SHARED + sensor_.total() || b_.size(0) != rows() || sigma_.size(0) != rows())
+        return refuse("rows");
+    return true;
+}
+
+double Prior::linearise(const Values &values, double *out, std::ptrdiff_t columns) const {
+    const std::ptrdiff_t n = A_.size(1);
+    const Values origins(origins_);
     std::vector<double> x;
     x.reserve(n);
     std::ptrdiff_t at_nav = 0;
     double by_state[NAV][NAV] = {};
     for (const Variable kind : ORDER) {
-        const std::ptrdiff_t own = kind >= OF_MOUNT ? 0 : keyframe;
+        const std::ptrdiff_t own = kind >= OF_MOUNT ? 0 : keyframe_;
         if (kind == OF_NAV) {
-            const NavState state = values.nav(keyframe), origin = origins.nav(0);
+            const NavState state = values.nav(keyframe_), origin = origins.nav(0);
             const InChart tangent(state, origin);
             if (columns > 1) chart_by_state(state, origin, by_state);
             at_nav = static_cast<std::ptrdiff_t>(x.size());
@@ -426,12 +449,12 @@ PyObject *marginal_prior(PyObject *, PyObject *arguments) {
             for (int i = 0; i < DIMENSION[kind]; ++i)
                 x.push_back(values.value[kind][own * DIMENSION[kind] + i] - origins.value[kind][i]);
     }
-    for (std::ptrdiff_t i = 0; i < of_sensors; ++i) x.push_back(sensor.data()[i] - sensor_origin.data()[i]);
+    for (std::ptrdiff_t i = 0; i < sensor_.total(); ++i) x.push_back(sensor_.data()[i] - sensor_origins_.data()[i]);
 
     double bound = 0.0;
-    for (std::ptrdiff_t i = 0; i < tall; ++i) {
-        const double *from = A.data() + i * n, scale = 1.0 / sigma.data()[i];
-        double *row = rows.data() + i * columns, sum = b.data()[i];
+    for (std::ptrdiff_t i = 0; i < rows(); ++i) {
+        const double *from = A_.data() + i * n, scale = 1.0 / sigma_.data()[i];
+        double *row = out + i * columns, sum = b_.data()[i];
         for (std::ptrdiff_t j = 0; j < n; ++j) sum -= from[j] * x[j];
         row[columns - 1] = sum;
         if (columns > 1) {
@@ -444,7 +467,28 @@ PyObject *marginal_prior(PyObject *, PyObject *arguments) {
         }
         for (std::ptrdiff_t j = 0; j < columns; ++j) bound += row[j] * row[j], row[j] *= scale;
     }
-    return PyBool_FromLong(std::isfinite(bound));
+    return bound;
+}
+
+// marginal_prior(values, sensor (s, 2), keyframe, origins, sensor_origins (s, 2), A (r, n), b (r), sigma (r),
+// rows (r, n + 1)): the factor on a keyframe and the shared variables, linearised at `values`, or b alone into rows (r, 1);
+// `origins` are those of one keyframe. Both are as States.arrays has them. Returns as linear_rows().
+PyObject *marginal_prior(PyObject *, PyObject *arguments) {
+    PyObject *py[8];
+    Py_ssize_t keyframe;
+    if (!PyArg_ParseTuple(arguments, "OOnOOOOOO", &py[0], &py[1], &keyframe, &py[2], &py[3], &py[4], &py[5], &py[6],
+                          &py[7]))
+        return nullptr;
+    const Arrays arrays(py[0]);
+    if (!arrays.ok()) return nullptr;
+    const Values values(arrays);
+    const Prior prior(py[1], keyframe, py[2], py[3], py[4], py[5], py[6]);
+    if (!prior.fit(values)) return nullptr;
+    const Doubles rows(py[7], 2, true);
+    if (!rows.ok()) return nullptr;
+    const std::ptrdiff_t columns = rows.size(1);
+    if (rows.size(0) != prior.rows() || (columns != 1 && columns != prior.columns())) return refused("rows");
+    return PyBool_FromLong(std::isfinite(prior.linearise(values, rows.data(), columns)));
 }
 
 // switch_chain(z (n), transition (2, 2), stay_cost, outlier, inlier_before, first (n)): the probability that each error

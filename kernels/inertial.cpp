@@ -10,15 +10,13 @@
 #include <utility>
 
 #include "arrays.h"
+#include "factors.h"
 #include "rotations.h"
 #include "samples.h"
 
 namespace {
 
-struct State {
-    Matrix R;
-    Vector p, v;
-};
+using State = NavState;
 
 // How states go on by themselves over h seconds in a frame that turns at the rate w and falls: with the velocity against
 // a frame at rest, u = v + w x p, they are p' = turn (p + h u) + fall_p, u' = turn u + fall_u, R' = turn R.
@@ -262,6 +260,11 @@ void predicted_state(const double *delta, const double *R, const double *p, cons
     std::memcpy(end, predicted.end.R.x, sizeof predicted.end.R.x);
     std::memcpy(end + 9, predicted.end.p.x, sizeof predicted.end.p.x);
     std::memcpy(end + 12, predicted.end.v.x, sizeof predicted.end.v.x);
+}
+
+void inertial_factor(const double *delta, const NavState &start, const NavState &end, const double *bias, double *out,
+                     int columns) {
+    factor(*reinterpret_cast<const Delta *>(delta), start, end, bias, out, columns);
 }
 
 PyObject *not_positive_definite() {

@@ -20,11 +20,13 @@ static PyMethodDef methods[] = {
     {"turning", turning, METH_VARARGS, "Follow the attitude along intervals."},
     {"ahead_of_a_steady_turn", ahead_of_a_steady_turn, METH_VARARGS, "Compare turns with steady ones."},
     {"means_around", means_around, METH_VARARGS, "Average samples around times."},
+    {"pair_rows", pair_rows, METH_VARARGS, "Linearise and stack the factors of two keyframes."},
     {"linear_rows", linear_rows, METH_VARARGS, "Linearise factors of a type."},
     {"marginal_prior", marginal_prior, METH_VARARGS, "Linearise a marginal prior."},
     {"retract", retract, METH_VARARGS, "Move states by a step."},
     {"step_from", step_from, METH_VARARGS, "Compute the step from states to others."},
     {"quantities", quantities, METH_VARARGS, "Differentiate what a trajectory tells."},
+    {"quantity_variances", quantity_variances, METH_VARARGS, "Compute the variances of what a trajectory tells."},
     {"trajectory_rows", trajectory_rows, METH_VARARGS, "Compute rows of a trajectory with their sigmas."},
     {"hermite_at", hermite_at, METH_VARARGS, "Evaluate cubics."},
     {"add_weighted_rows", add_weighted_rows, METH_VARARGS, "Add weighted sums of rows."},
@@ -43,7 +45,7 @@ static PyModuleDef definition = {
 PyMODINIT_FUNC PyInit_compiled() {
     PyObject *module = PyModule_Create(&definition);
     // Raised by one whenever a function's arguments change, so that a build of older sources is not called.
-    if (module != nullptr && (PyModule_AddIntConstant(module, "REVISION", 19) != 0 ||
+    if (module != nullptr && (PyModule_AddIntConstant(module, "REVISION", 23) != 0 ||
                               PyModule_AddIntConstant(module, "DELTA_SIZE", DELTA_SIZE) != 0)) {
         Py_DECREF(module);
         return nullptr;

@@ -9,6 +9,43 @@ constexpr int QUANTITIES = 8, CHAINAGE = 0, PLACE = 1, SPEED = 4, ATTITUDE = 5;
 constexpr int POINT = 2;  // where the place of the point that follows the track begins in MOUNT
 constexpr int AT_NAV = ODO + BIAS;  // in a tangent
 
+// The derivatives of the quantities of one keyframe by its tangent and those of the shared variables, as far as they are
+// not 0: each quantity has a few, row by row in the order of the columns.
+class Derivatives {
+  public:
+    Derivatives(const Matrix &R, const Vector &v, const Mounting &mount, const Matrix &by_lever) {
+        const Matrix to_travel = transposed(mount.R), by_turn = R * by_lever;
+        const Matrix rates = Angles(R * mount.R).euler_rates(), by_attitude = rates * to_travel;
+        const Vector forward = mount.forward(), faster = cross(forward, transposed(R) * v);
+        const double cy = mount.R[1][1], sy = -mount.R[0][1];
+        const Vector by_pitch = rates * (to_travel * Vector{{-sy, cy, 0}}), by_yaw = rates * (to_travel * Vector{{0, 0, 1}});
+        add(CHAINAGE, DISTANCE, 1.0);
+        for (int i = 0; i < 3; ++i) {
+            for (int j = 0; j < 3; ++j) add(PLACE + i, AT_NAV + j, by_turn[i][j]);
+            for (int j = 0; j < 3; ++j) add(PLACE + i, AT_NAV + 3 + j, R[i][j]);
+            for (int j = 0; j < 3; ++j) add(ATTITUDE + i, AT_NAV + j, by_attitude[i][j]);
+            add(ATTITUDE + i, KEYFRAME, by_pitch[i]), add(ATTITUDE + i, KEYFRAME + 1, by_yaw[i]);
+        }
+        for (int i = 0; i < 3; ++i) add(SPEED, AT_NAV + i, faster[i]);
+        for (int i = 0; i < 3; ++i) add(SPEED, AT_NAV + 6 + i, forward[i]);
+    }
+
+    // Call each(column, derivative) for those of a quantity.
+    template <typename Each>
+    void of(int quantity, const Each &each) const {
+        for (int i = 0; i < count_[quantity]; ++i) each(column_[quantity][i], value_[quantity][i]);
+    }
+
+  private:
+    void add(int quantity, int column, double value) {
+        const int i = count_[quantity]++;
+        column_[quantity][i] = column, value_[quantity][i] = value;
+    }
+    static constexpr int MOST = 6;
+    int count_[QUANTITIES] = {}, column_[QUANTITIES][MOST];
+    double value_[QUANTITIES][MOST];
+};
+
 }  // namespace
 
 // quantities(R (n, 3, 3), v (n, 3), mount (5), lever_arm (3), J (n, 8, d)): the derivatives of the quantities by the tangents
@@ -24,28 +61,57 @@ PyObject *quantities(PyObject *, PyObject *arguments) {
         return refused("states");
     if (out.size(1) != QUANTITIES || out.size(2) != columns) return refused("derivatives");
     const Mounting mount(mounting.data());
-    const Matrix to_travel = transposed(mount.R), by_lever = skew(vector(lever.data()));
-    const Vector forward = mount.forward();
-    const double cy = mount.R[1][1], sy = -mount.R[0][1];
-    const Vector by_mount[2] = {to_travel * Vector{{-sy, cy, 0}}, to_travel * Vector{{0, 0, 1}}};
+    const Matrix by_lever = skew(vector(lever.data()));
     std::fill_n(out.data(), out.total(), 0.0);
     for (std::ptrdiff_t k = 0; k < n; ++k) {
         double *J = out.data() + k * QUANTITIES * columns;
-        const auto at = [&](int row, int column) -> double & { return J[row * columns + column]; };
-        const Matrix R = matrix(attitude.data() + 9 * k), by_turn = R * by_lever;
-        const Matrix rates = Angles(R * mount.R).euler_rates(), by_attitude = rates * to_travel;
-        const Vector faster = cross(forward, transposed(R) * vector(velocity.data() + 3 * k));
-        at(CHAINAGE, DISTANCE) = 1.0;
-        for (int i = 0; i < 3; ++i) {
-            at(SPEED, AT_NAV + i) = faster[i], at(SPEED, AT_NAV + 6 + i) = forward[i];
-            for (int j = 0; j < 3; ++j) {
-                at(PLACE + i, AT_NAV + j) = by_turn[i][j], at(PLACE + i, AT_NAV + 3 + j) = R[i][j];
-                at(ATTITUDE + i, AT_NAV + j) = by_attitude[i][j];
-            }
+        const Derivatives own(matrix(attitude.data() + 9 * k), vector(velocity.data() + 3 * k), mount, by_lever);
+        for (int quantity = 0; quantity < QUANTITIES; ++quantity)
+            own.of(quantity, [&](int column, double by) { J[quantity * columns + column] = by; });
+    }
+    Py_RETURN_NONE;
+}
+
+// quantity_variances(R (n, 3, 3), v (n, 3), mount (5), lever_arm (3), of_keyframes (n, K, d), of_shared (d - K, d - K),
+// variance (n, 8), with_point (n, 3)): the variances of the quantities at keyframes, and the covariance of the speed with
+// the point that follows the track, from the covariances of a keyframe's tangent with itself and the shared variables, and
+// that of these.
+PyObject *quantity_variances(PyObject *, PyObject *arguments) {
+    PyObject *py[8];
+    if (!PyArg_ParseTuple(arguments, "OOOOOOOO", &py[0], &py[1], &py[2], &py[3], &py[4], &py[5], &py[6], &py[7]))
+        return nullptr;
+    const Doubles attitude(py[0], 3), velocity(py[1], 2), mounting(py[2], 1), lever(py[3], 1), blocks(py[4], 3),
+        of_shared(py[5], 2), variance(py[6], 2, true), with_point(py[7], 2, true);
+    for (const Doubles *one : {&attitude, &velocity, &mounting, &lever, &blocks, &of_shared, &variance, &with_point})
+        if (!one->ok()) return nullptr;
+    const std::ptrdiff_t n = variance.size(0), shared = of_shared.size(0), columns = KEYFRAME + shared;
+    if (attitude.size(0) != n || attitude.size(1) != 3 || attitude.size(2) != 3 || velocity.size(0) != n ||
+        velocity.size(1) != 3 || mounting.size(0) != MOUNT || lever.size(0) != 3)
+        return refused("states");
+    if (shared < SHARED || of_shared.size(1) != shared || blocks.size(0) != n || blocks.size(1) != KEYFRAME ||
+        blocks.size(2) != columns)
+        return refused("covariances");
+    if (variance.size(1) != QUANTITIES || with_point.size(0) != n || with_point.size(1) != 3) return refused("results");
+    const Mounting mount(mounting.data());
+    const Matrix by_lever = skew(vector(lever.data()));
+    for (std::ptrdiff_t k = 0; k < n; ++k) {
+        const double *block = blocks.data() + k * KEYFRAME * columns;
+        const auto between = [&](int i, int j) {
+            if (i < KEYFRAME) return block[i * columns + j];
+            return j < KEYFRAME ? block[j * columns + i] : of_shared.data()[(i - KEYFRAME) * shared + j - KEYFRAME];
+        };
+        const Derivatives own(matrix(attitude.data() + 9 * k), vector(velocity.data() + 3 * k), mount, by_lever);
+        for (int quantity = 0; quantity < QUANTITIES; ++quantity) {
+            double sum = 0.0;
+            own.of(quantity, [&](int i, double by) {
+                own.of(quantity, [&](int j, double by_other) { sum += by * by_other * between(i, j); });
+            });
+            variance.data()[QUANTITIES * k + quantity] = sum;
         }
-        for (int angle = 0; angle < 2; ++angle) {
-            const Vector own = rates * by_mount[angle];
-            for (int i = 0; i < 3; ++i) at(ATTITUDE + i, KEYFRAME + angle) = own[i];
+        for (int axis = 0; axis < 3; ++axis) {
+            double sum = 0.0;
+            own.of(SPEED, [&](int i, double by) { sum += by * between(i, KEYFRAME + POINT + axis); });
+            with_point.data()[3 * k + axis] = sum;
         }
     }
     Py_RETURN_NONE;

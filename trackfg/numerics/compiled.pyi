@@ -149,6 +149,14 @@ def turning(
 def ahead_of_a_steady_turn(turn: Array, mean: Array, mean_by_time: Array, least: float, ahead: Array, /) -> None: ...
 def means_around(t: Array, width: float, edges: Array, samples: Array, means: Array, /) -> None: ...
 def interpolate_columns(at: Array, t: Array, values: Array, out: Array, /) -> None: ...
+def pair_rows(
+    values: tuple[Array, ...],
+    deltas: Array,
+    priors: tuple[tuple[object, ...], ...],
+    families: tuple[tuple[object, ...], ...],
+    rows: Array,
+    /,
+) -> bool: ...
 def linear_rows(
     type: str,
     values: tuple[Array, ...],
@@ -176,6 +184,17 @@ def retract(
 ) -> None: ...
 def step_from(origin: tuple[Array, ...], values: tuple[Array, ...], keyframes: Array, shared: Array, /) -> None: ...
 def quantities(R: Array, v: Array, mount: Array, lever_arm: Array, J: Array, /) -> None: ...
+def quantity_variances(
+    R: Array,
+    v: Array,
+    mount: Array,
+    lever_arm: Array,
+    of_keyframes: Array,
+    of_shared: Array,
+    variance: Array,
+    with_point: Array,
+    /,
+) -> None: ...
 def trajectory_rows(
     motion: tuple[Array, ...],
     keyframes: tuple[Array, ...],

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 import pandas as pd
 
@@ -43,19 +45,24 @@ def trajectory_columns(
     integrated and pinned in slope too; and what their speeds' errors do to the cubic between. The speed has also the
     noise of the row's own body rate, at its lever arm, and what is unknown of that. Yaw is in (-pi, pi].
     """
-    J, spread = _propagated(states, covariance, run.lever_arm)
-    variance = _variances(J, spread, run.mount_roll_sd)
+    spread = _spread(states, covariance, run.lever_arm, run.mount_roll_sd)
     rows = _by_kernel if compiled_kernels() else _by_arrays
-    columns = rows(run, motion, states, covariance, variance, spread).T
+    columns = rows(run, motion, states, covariance, spread).T
     return {"t_s": motion.t, **dict(zip(_COLUMNS, columns, strict=True))}
 
 
-def _by_arrays(
-    run: RunContext, motion: DenseMotion, states: States, covariance: Covariance, variance: Array, spread: Array
-) -> Array:
-    """Return the quantities of the rows and their sigmas, in turns, shape (m, 16), from the keyframes' ``variance`` (n,
-    8) and their covariance with the variables, ``spread`` (n, 8, d).
+class _Spread(NamedTuple):
+    """The ``variance`` (n, 8) of the quantities at keyframes, and the covariance of the speed with the point that
+    follows the track, ``with_point`` (n, 3).
     """
+
+    variance: Array
+    with_point: Array
+
+
+def _by_arrays(run: RunContext, motion: DenseMotion, states: States, covariance: Covariance, spread: _Spread) -> Array:
+    """Return the quantities of the rows and their sigmas, in turns, shape (m, 16), from those of the keyframes."""
+    variance, with_point = spread
     R_bt = mount_matrix(states.mount)[0]
     nav = motion.nav
     rpy = rpy_from_matrix(nav.R @ R_bt)
@@ -73,22 +80,20 @@ def _by_arrays(
     accel, gyro = np.mean(noise.accel**2, axis=1)[k], noise.gyro[k] ** 2
     between[:, :4] += (accel * bridge**3 / 3.0 + swing)[:, None]
     between[:, 4] += accel * bridge + gyro @ (skew(arm) @ forward) ** 2 / motion.gyro_span
-    swung, with_speed = cross(forward[None], motion.gyro), spread[:, 4, _POINT]
+    swung = cross(forward[None], motion.gyro)
     between[:, 4] += np.einsum("mi,ij,mj->m", swung, covariance.of_shared[_SHARED_POINT, _SHARED_POINT], swung)
-    between[:, 4] += 2.0 * np.sum((with_speed[k] * (1.0 - f) + with_speed[k + 1] * f) * swung, axis=1)
+    between[:, 4] += 2.0 * np.sum((with_point[k] * (1.0 - f) + with_point[k + 1] * f) * swung, axis=1)
     between[:, 5:8] += gyro * bridge[:, None]
     return np.stack([np.column_stack(columns), np.sqrt(between)], axis=2).reshape(len(motion.t), -1)
 
 
-def _by_kernel(
-    run: RunContext, motion: DenseMotion, states: States, covariance: Covariance, variance: Array, spread: Array
-) -> Array:
+def _by_kernel(run: RunContext, motion: DenseMotion, states: States, covariance: Covariance, spread: _Spread) -> Array:
     """Do as :func:`_by_arrays`, in ``kernels/quantities.cpp``."""
     from trackfg.numerics import compiled
 
     nav, out = motion.nav, np.empty((len(motion.t), len(_COLUMNS)))
     moves = (nav.R, nav.p, nav.v, motion.gyro, motion.distance, motion.fraction, motion.gyro_span)
-    inputs = (run.t, run.noise.accel, run.noise.gyro, variance, spread[:, QUANTITIES.index("speed_mps"), _POINT])
+    inputs = (run.t, run.noise.accel, run.noise.gyro, *spread)
     of_point = covariance.of_shared[_SHARED_POINT, _SHARED_POINT]
     compiled.trajectory_rows(
         tuple(map(kernel_argument, moves)),
@@ -127,19 +132,30 @@ def keyframe_variances(states: States, covariance: Covariance, lever_arm: Array,
 
     ``mount_roll_sd``, rad, is the uncertainty of the mounting's roll: it adds to that of the vehicle's roll.
     """
-    return _variances(*_propagated(states, covariance, lever_arm), mount_roll_sd)
+    return _spread(states, covariance, lever_arm, mount_roll_sd).variance
 
 
-def _propagated(states: States, covariance: Covariance, lever_arm: Array) -> tuple[Array, Array]:
-    """Return :func:`keyframe_jacobian`, and the covariance of the quantities with its variables, (n, 8, d) each."""
-    J = keyframe_jacobian(states, lever_arm)
-    return J, covariance.propagated(J)
-
-
-def _variances(J: Array, spread: Array, mount_roll_sd: float) -> Array:
-    variance = np.asarray(np.sum(spread * J, axis=2))
+def _spread(states: States, covariance: Covariance, lever_arm: Array, mount_roll_sd: float) -> _Spread:
+    spread = _spread_by_kernel if compiled_kernels() else _spread_by_arrays
+    variance, with_point = spread(states, covariance, lever_arm)
     variance[:, QUANTITIES.index("roll_rad")] += mount_roll_sd**2
-    return variance
+    return _Spread(variance, with_point)
+
+
+def _spread_by_arrays(states: States, covariance: Covariance, lever_arm: Array) -> _Spread:
+    J = keyframe_jacobian(states, lever_arm)
+    propagated = covariance.propagated(J)
+    return _Spread(np.asarray(np.sum(propagated * J, axis=2)), propagated[:, QUANTITIES.index("speed_mps"), _POINT])
+
+
+def _spread_by_kernel(states: States, covariance: Covariance, lever_arm: Array) -> _Spread:
+    """Do as :func:`_spread_by_arrays`, in ``kernels/quantities.cpp``, where no zero of a derivative is multiplied."""
+    from trackfg.numerics import compiled
+
+    spread = _Spread(np.empty((len(states), len(QUANTITIES))), np.empty((len(states), 3)))
+    given = (states.nav.R, states.nav.v, states.mount[0], lever_arm, covariance.of_keyframes, covariance.of_shared)
+    compiled.quantity_variances(*map(kernel_argument, given), *spread)
+    return spread
 
 
 def keyframe_jacobian(states: States, lever_arm: Array) -> Array:

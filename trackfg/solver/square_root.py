@@ -55,6 +55,8 @@ class SquareRoot(Outlined):
 
     def last(self, keyframes: int) -> SquareRoot:
         """Return the square root of the last keyframes alone, all others eliminated; along a chain."""
+        if keyframes >= len(self.R):
+            return self
         return replace(
             self, R=self.R[-keyframes:], S=self.S[-keyframes:], d=self.d[-keyframes:], ahead=self.ahead[-keyframes:]
         )
@@ -151,7 +153,7 @@ class SquareRoot(Outlined):
         shared = self.shared_inverse @ self.d_shared
         return Step(self.back_substituted(self.d[:, :, None].copy(), shared[:, None])[:, :, 0], shared)
 
-    @property
+    @cached_property
     def length(self) -> float:
         """The length of the solution in posterior sigmas, ``|R x|``; half its square is what it takes off the cost."""
         return float(np.sqrt(np.sum(self.d**2) + np.sum(self.d_shared**2)))

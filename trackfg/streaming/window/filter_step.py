@@ -16,11 +16,12 @@ from typing import NamedTuple
 import numpy as np
 
 from trackfg.factors.marginal_prior import marginal_prior
-from trackfg.factors.states import KEYFRAME_DIM, SHARED_DIM, Kind, Step
+from trackfg.factors.states import KEYFRAME_DIM, SHARED_DIM, Kind, offset_in_keyframe
 from trackfg.graph.inertial import walk_of
 from trackfg.numerics.arrays import Array
 from trackfg.recording.description import ImuNoise
-from trackfg.solver.elimination import compressed, eliminate_pair, stacked_pair
+from trackfg.solver.elimination import compressed, eliminate_pair
+from trackfg.solver.pair_rows import linearised_pair
 from trackfg.solver.square_root import SquareRoot
 from trackfg.streaming.window.next_interval import OTHER_ROWS, Prediction
 from trackfg.streaming.window.window import Interval, MarginalisedKeyframes, Window
@@ -52,22 +53,17 @@ class PredictedPair:
         """Linearise the prediction from the newest keyframe, a window of one."""
         pair = newest.extended(prediction.interval)
         pair = pair.with_families(walk_of(pair.t, pair.response, noise))
-        return cls(
-            prediction, pair, compressed(stacked_pair(pair.linear_factors(without=OTHER_ROWS), len(pair.states.sensor)))
-        )
+        inertial = (family for family in pair.families if family.type not in OTHER_ROWS)
+        return cls(prediction, pair, compressed(linearised_pair(pair.states, inertial, pair.inertial)))
 
     def update(self, interval: Interval) -> FilterResult:
         """Take the step with the complete interval. Raises as :meth:`Window.gauss_newton_step` does."""
         predicted = self.prediction.interval
         pair = self.pair.with_factors(interval.families[len(predicted.families) :])
         point = pair.states.take(slice(0, 1)).joined(interval.predicted)
-        shift = _step_between(predicted, interval)
-        others = [
-            family.linearize(point).relative_to_step_start(shift)
-            for family in pair.families
-            if family.type in OTHER_ROWS and len(family)
-        ]
-        root, marginal = eliminate_pair(np.concatenate([self.triangle, stacked_pair(others, len(point.sensor))]))
+        others = linearised_pair(point, (family for family in pair.families if family.type in OTHER_ROWS))
+        others[:, -1] += others[:, :-1] @ _step_between(predicted, interval)
+        root, marginal = eliminate_pair(np.concatenate([self.triangle, others]))
         updated = pair.updated_by(root)
         chained = (family for family in pair.families if family.is_chained)
         chains = (
@@ -78,14 +74,15 @@ class PredictedPair:
         return FilterResult(updated, root, newest, MarginalisedKeyframes.first(pair.t, root, pair.states, 1))
 
 
-def _step_between(predicted: Interval, interval: Interval) -> Step:
-    """Return the step of both keyframes from the inertial prediction to where the other rows put the next keyframe.
+def _step_between(predicted: Interval, interval: Interval) -> Array:
+    """Return the step of (x_0, x_1, s) from the inertial prediction to where the other rows put the next keyframe.
 
     Attitudes do not change: the wheel does not measure them.
     """
-    start, end = predicted.predicted.nav, interval.predicted.nav
-    step = Step(np.zeros((2, KEYFRAME_DIM)), np.zeros(SHARED_DIM + predicted.predicted.sensor.size))
-    step.of(Kind.NAV)[1, 3:6] = start.R[0].T @ (end.p - start.p)[0]
-    step.of(Kind.NAV)[1, 6:9] = start.R[0].T @ (end.v - start.v)[0]
-    step.of(Kind.ODO)[1] = (interval.predicted.odo.array - predicted.predicted.odo.array)[0]
+    start, end = predicted.predicted, interval.predicted
+    step = np.zeros(2 * KEYFRAME_DIM + SHARED_DIM + start.sensor.size)
+    odo, nav = (KEYFRAME_DIM + offset_in_keyframe(kind) for kind in (Kind.ODO, Kind.NAV))
+    step[odo : odo + Kind.ODO.dim] = end.odo.array[0] - start.odo.array[0]
+    step[nav + 3 : nav + 6] = (end.nav.p - start.nav.p)[0] @ start.nav.R[0]
+    step[nav + 6 : nav + 9] = (end.nav.v - start.nav.v)[0] @ start.nav.R[0]
     return step

@@ -110,10 +110,9 @@ class Window:
             _merge_by_type([*families, *later]),
         )
 
-    def linear_factors(self, without: Collection[FactorType] = ()) -> list[LinearFactors]:
-        """Return all factors linearised at the window's states, except families of the types ``without``."""
-        others = (family for family in self.families if family.type not in without)
-        return [self.inertial.linearize(self.states), *(family.linearize(self.states) for family in others)]
+    def linear_factors(self) -> list[LinearFactors]:
+        """Return all factors linearised at the window's states."""
+        return [self.inertial.linearize(self.states), *(family.linearize(self.states) for family in self.families)]
 
     def gauss_newton_step(self, marginalise: Collection[int] = ()) -> WindowStep:
         """Take one Gauss-Newton step; ``marginalise``: numbers of first keyframes that may be marginalised after it.
