@@ -146,6 +146,10 @@ class Family(Outlined):
         doubtful = None if self.doubtful is None else self.doubtful[index]
         return self._with(slots=slots, data=data, sigma=self.sigma[index], doubtful=doubtful)
 
+    def measured(self, sigma: Array, **data: Array) -> Family:
+        """Return the family with these sigmas, and this data in the place of its own, all known to be sound."""
+        return self._with(sigma=sigma, data={**self.data, **data})
+
     def with_data(self, **data: Array) -> Family:
         """Return the family with other measurements, given by name."""
         return self._with(data={**self.data, **data})

@@ -34,7 +34,7 @@ from trackfg.numerics.arrays import Array
 from trackfg.numerics.kernels import compiled_kernels, kernel_argument
 from trackfg.numerics.rotations import skew, so3_log, so3_right_jacobian_inverse
 
-_LEAST_TURN = 1e-6
+LEAST_TURN = 1e-6
 """Turns below this have no axis but for rounding, rad."""
 
 
@@ -100,14 +100,12 @@ def _ahead_of_a_steady_turn(turn: Array, mean: Array, mean_by_time: Array) -> Ar
         from trackfg.numerics import compiled
 
         ahead, turned = np.empty((len(turn), 3)), kernel_argument(turn)
-        compiled.ahead_of_a_steady_turn(
-            turned, kernel_argument(mean), kernel_argument(mean_by_time), _LEAST_TURN, ahead
-        )
+        compiled.ahead_of_a_steady_turn(turned, kernel_argument(mean), kernel_argument(mean_by_time), LEAST_TURN, ahead)
         return ahead
     v = so3_log(turn)
     square = np.sum(v * v, axis=1)
     by_axis = np.einsum("mi,mij,mj->m", v, mean_by_time, v)
-    turns = square > _LEAST_TURN**2
+    turns = square > LEAST_TURN**2
     part = np.where(turns, by_axis / np.where(turns, square, 1.0), np.trace(mean_by_time, axis1=1, axis2=2) / 3.0)
     return np.asarray(so3_log(mean) - part[:, None] * v)
 

@@ -101,6 +101,7 @@ PyObject *compress(PyObject *, PyObject *arguments);
 PyObject *turning(PyObject *, PyObject *arguments);
 PyObject *ahead_of_a_steady_turn(PyObject *, PyObject *arguments);
 PyObject *means_around(PyObject *, PyObject *arguments);
+PyObject *tach_interval(PyObject *, PyObject *arguments);
 PyObject *pair_rows(PyObject *, PyObject *arguments);
 PyObject *linear_rows(PyObject *, PyObject *arguments);
 PyObject *marginal_prior(PyObject *, PyObject *arguments);

@@ -20,6 +20,7 @@ static PyMethodDef methods[] = {
     {"turning", turning, METH_VARARGS, "Follow the attitude along intervals."},
     {"ahead_of_a_steady_turn", ahead_of_a_steady_turn, METH_VARARGS, "Compare turns with steady ones."},
     {"means_around", means_around, METH_VARARGS, "Average samples around times."},
+    {"tach_interval", tach_interval, METH_VARARGS, "Compute what a wheel rolls over an interval."},
     {"pair_rows", pair_rows, METH_VARARGS, "Linearise and stack the factors of two keyframes."},
     {"linear_rows", linear_rows, METH_VARARGS, "Linearise factors of a type."},
     {"marginal_prior", marginal_prior, METH_VARARGS, "Linearise a marginal prior."},
@@ -45,7 +46,7 @@ static PyModuleDef definition = {
 PyMODINIT_FUNC PyInit_compiled() {
     PyObject *module = PyModule_Create(&definition);
     // Raised by one whenever a function's arguments change, so that a build of older sources is not called.
-    if (module != nullptr && (PyModule_AddIntConstant(module, "REVISION", 23) != 0 ||
+    if (module != nullptr && (PyModule_AddIntConstant(module, "REVISION", 24) != 0 ||
                               PyModule_AddIntConstant(module, "DELTA_SIZE", DELTA_SIZE) != 0)) {
         Py_DECREF(module);
         return nullptr;

@@ -16,6 +16,8 @@ constexpr double STANDARD_GRAVITY = 9.80665;  // trackfg.numerics.units
 struct Setting {
     double dt, clearly, gravity, earth_rate[AXES], earth_radius, rate_s, at_rest, position_noise, lever_arm[AXES];
     double declared[CHANNELS], excess[CHANNELS], bridged[CHANNELS];
+    double distance_sd, scale_walk, rolled_at_rest, arc_sd, arc_relative;
+    double lateral_sd, vertical_sd, per_speed, motion_level, path_sd, path_relative, path_level, least_turn;
 };
 constexpr std::ptrdiff_t SETTING = sizeof(Setting) / sizeof(double);
 
@@ -96,8 +98,10 @@ void respond(const double *force, const double *rate, const double *power, const
 // vibration, increments of layout[5] samples; `setting` as above, `limits` of the noise; `states` of one keyframe, which it
 // begins at, as States.arrays has them. Results: means of accelerometer, gyro and vibration (3, 3); response (6, 29); bias
 // and density of the noise (2, 6); increments (m, 7): durations (m), then rotations (m, 3), then velocities (m, 3); gravity
-// and the frame's rate (4); delta; state at the end (15); distance and speeds at the first and last edge (3); distance
-// rolled at the edges (n + 1); turns (3, 3, 3); body rates (2, 3).
+// and the frame's rate (4); delta; state at the end (15); distance, speeds at the first and last edge, how far
+// the vehicle moves and turns, the mean forward force in g, and the speed at the end (7); distance
+// rolled at the edges (n + 1); turns (3, 3, 3); body rates (2, 3); how far these are ahead of a steady turn (3); sigmas of
+// the distance chain (2), the arc length, the path (2) and the sideways velocity (2).
 PyObject *predict_interval(PyObject *, PyObject *arguments) {
     PyObject *py[8];
     Py_ssize_t begin, end, length, fast, lasting, group;
@@ -122,7 +126,7 @@ PyObject *predict_interval(PyObject *, PyObject *arguments) {
     const Values values(arrays);
     if (!values.ok || !values.of_one_run() || values.count[OF_NAV] != 1) return refused("states");
     const std::ptrdiff_t m = (end - begin + group - 1) / group;
-    const std::ptrdiff_t sizes[] = {9, BIAS * IMU, 2 * BIAS, 7 * m, 4, DELTA_SIZE, 15, 3, n + 1, 27, 6};
+    const std::ptrdiff_t sizes[] = {9, BIAS * IMU, 2 * BIAS, 7 * m, 4, DELTA_SIZE, 15, 7, n + 1, 27, 6, 3, 7};
     constexpr std::ptrdiff_t RESULTS = std::size(sizes);
     const Arrays results(py[7], true);
     if (!results.ok()) return nullptr;
@@ -185,11 +189,26 @@ PyObject *predict_interval(PyObject *, PyObject *arguments) {
     rolled[0] = 0.0;
     for (std::ptrdiff_t i = 0; i < n; ++i)
         rolled[i + 1] = rolled[i] + 0.5 * (speed_at(t[i]) + speed_at(t[i + 1])) * (t[i + 1] - t[i]);
+    motion[3] = rolled[end] - rolled[begin], motion[4] = (means[AXES + 2] - gyro_bias[2]) * seconds, motion[5] = means[0] / setting.gravity;
+    motion[6] = speed_at(t[end]);
     double *turns = results.data(9), *rates = results.data(10);
     follow_turn(samples, begin, end, gyro_bias, rolled, setting.at_rest, {turns, turns + 9, turns + 18});
     for (int k = 0; k < 2; ++k) {
         mean_around(t[k == 0 ? begin : end], setting.rate_s, t, samples.gyro, n, rates + AXES * k);
         for (int axis = 0; axis < AXES; ++axis) rates[AXES * k + axis] -= gyro_bias[axis];
     }
+    ahead_of_steady(turns, turns + 9, turns + 18, setting.least_turn, results.data(11));
+
+    // The sigmas of trackfg.graph.odometry and trackfg.graph.motion.
+    double *sigmas = results.data(12);
+    const double way = std::abs(motion[3]), bridge = way * std::sqrt(seconds / 12.0);
+    const double of_path = (setting.path_sd + setting.path_relative * way) * setting.path_level;
+    const double by_speed = setting.per_speed * std::abs(motion[6]);
+    sigmas[0] = setting.distance_sd;
+    sigmas[1] = setting.scale_walk * std::sqrt(way + setting.rolled_at_rest);
+    sigmas[2] = setting.arc_sd + setting.arc_relative * way;
+    for (int i = 0; i < 2; ++i) sigmas[3 + i] = std::hypot(of_path, noise[2 - i] * bridge);  // about z, then about y
+    sigmas[5] = (setting.lateral_sd + by_speed) * setting.motion_level;
+    sigmas[6] = (setting.vertical_sd + by_speed) * setting.motion_level;
     Py_RETURN_NONE;
 }

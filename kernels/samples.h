@@ -29,6 +29,8 @@ void compress_group(const Samples &samples, std::ptrdiff_t begin, std::ptrdiff_t
                     const Increment &increment);
 void follow_turn(const Samples &samples, std::ptrdiff_t begin, std::ptrdiff_t end, const Vector &bias,
                  const double *distance, double at_rest, const Turned &turning);
+// How far a turn (3, 3) with its means is ahead of a steady one, (3): ahead_of_a_steady_turn() in turning.cpp.
+void ahead_of_steady(const double *turn, const double *mean, const double *mean_by_time, double least, double *ahead);
 // The mean (3) of values (n, 3) between edges t (n + 1) over `width` around a time.
 void mean_around(double time, double width, const double *t, const double *values, std::ptrdiff_t n, double *mean);
 

@@ -82,7 +82,7 @@ class Arrays {
     }
 
   private:
-    static constexpr Py_ssize_t MOST = 11;
+    static constexpr Py_ssize_t MOST = 13;
     Py_buffer views_[MOST];
     Py_ssize_t count_ = 0, held_ = 0;
     bool ok_ = false;

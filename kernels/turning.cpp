@@ -90,6 +90,14 @@ void follow_turn(const Samples &samples, std::ptrdiff_t begin, std::ptrdiff_t en
     write(turning.mean_by_time, by_time + last);
 }
 
+void ahead_of_steady(const double *turn, const double *mean, const double *mean_by_time, double least, double *ahead) {
+    const Vector v = logarithm(matrix(turn));
+    const Matrix late = matrix(mean_by_time);
+    const double square = dot(v, v), trace = late[0][0] + late[1][1] + late[2][2];
+    const double part = square > least * least ? dot(v, late * v) / square : trace / 3.0;
+    write(ahead, mean_turn(matrix(mean)) + (-part) * v);
+}
+
 void mean_around(double time, double width, const double *t, const double *values, std::ptrdiff_t n, double *mean) {
     const auto within = [&](double at) { return std::min(std::max(at, t[0]), t[n]); };
     const double begin = within(time - 0.5 * width), end = within(time + 0.5 * width);
@@ -172,13 +180,8 @@ PyObject *ahead_of_a_steady_turn(PyObject *, PyObject *arguments) {
     for (const Doubles *one : {&turn, &mean, &mean_by_time})
         if (one->size(0) != intervals || one->size(1) != 3 || one->size(2) != 3) return refused("intervals");
     if (ahead.size(0) != intervals || ahead.size(1) != 3) return refused("intervals");
-    for (std::ptrdiff_t k = 0; k < intervals; ++k) {
-        const Vector v = logarithm(matrix(turn.data() + 9 * k));
-        const Matrix late = matrix(mean_by_time.data() + 9 * k);
-        const double square = dot(v, v), trace = late[0][0] + late[1][1] + late[2][2];
-        const double part = square > least * least ? dot(v, late * v) / square : trace / 3.0;
-        write(ahead.data() + 3 * k, mean_turn(matrix(mean.data() + 9 * k)) + (-part) * v);
-    }
+    for (std::ptrdiff_t k = 0; k < intervals; ++k)
+        ahead_of_steady(turn.data() + 9 * k, mean.data() + 9 * k, mean_by_time.data() + 9 * k, least, ahead.data() + 3 * k);
     Py_RETURN_NONE;
 }
 

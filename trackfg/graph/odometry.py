@@ -33,13 +33,13 @@ from trackfg.graph.inputs import GraphInputs
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.spans import within
 
-_DISTANCE_SD_M = 1e-5
+DISTANCE_SD_M = 1e-5
 """Distances of an interval and of the chain are one quantity: far below what any sensor resolves, m."""
 
-_ARC_SD_M = 2e-4
+ARC_SD_M = 2e-4
 """Sigma of the length of the path over an interval, m: what the chord-to-arc correction leaves out."""
 
-_ARC_SD_RELATIVE = 1e-5
+ARC_SD_RELATIVE = 1e-5
 """The same, in proportion to the distance."""
 
 ROLLED_AT_REST_M = 0.01
@@ -56,11 +56,11 @@ def path_length_factors(inputs: GraphInputs) -> list[Family]:
     config, k = inputs.config.tach, np.arange(len(inputs.t) - 1)
     distance = np.abs(inputs.distance)
     chain_sd = np.stack(
-        [np.full(k.size, _DISTANCE_SD_M), config.scale_walk_per_sqrt_m * np.sqrt(distance + ROLLED_AT_REST_M)], 1
+        [np.full(k.size, DISTANCE_SD_M), config.scale_walk_per_sqrt_m * np.sqrt(distance + ROLLED_AT_REST_M)], 1
     )
     return [
         distance_chain(k, chain_sd),
-        arc_length(k, inputs.lever_arm, (_ARC_SD_M + _ARC_SD_RELATIVE * distance)[:, None]),
+        arc_length(k, inputs.lever_arm, (ARC_SD_M + ARC_SD_RELATIVE * distance)[:, None]),
     ]
 
 

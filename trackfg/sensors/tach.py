@@ -69,6 +69,11 @@ class Wheel(Outlined):
     grown: Array | None = None
     offset_sd_mps: float = 0.0
 
+    @property
+    def is_plain_count(self) -> bool:
+        """Return whether the distance is what was counted, but for one rounding of all readings."""
+        return not (self.integrates_speed or self.coarse) and self.reading_sds is None and self.grown is None
+
     def at(self, t: Array) -> Array:
         """Nominal distance at ``t``, m; constant outside the record."""
         if self.integrates_speed or self.coarse:

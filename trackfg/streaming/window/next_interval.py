@@ -7,6 +7,7 @@ while the other rows (:func:`with_other_rows`) are on their way.
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -17,18 +18,17 @@ from trackfg.factors.family import Family, changed
 from trackfg.factors.imu import Preintegration, PreintegrationNoise
 from trackfg.factors.motion import mount_matrix
 from trackfg.factors.odometry import tach_excess
-from trackfg.factors.states import Nav, Odo, States
+from trackfg.factors.states import Nav, Odo
 from trackfg.graph.further_sensors import further_distances
-from trackfg.graph.inputs import GraphInputs
-from trackfg.graph.motion import along_track
-from trackfg.graph.odometry import path_length_factors, tach_factors
 from trackfg.graph.positions import positions
 from trackfg.recording.model import Recording
 from trackfg.sensors.imu_intervals import Intervals
 from trackfg.sensors.imu_noise import NoiseAtRest
 from trackfg.sensors.tach import Wheel
+from trackfg.streaming.window.interval_factors import WITHIN_INTERVAL, new_factors
 from trackfg.streaming.window.predicted_motion import PredictedMotion
 from trackfg.streaming.window.stream_context import StreamContext
+from trackfg.streaming.window.tach_interval import TachInterval
 from trackfg.streaming.window.wheel_creep import with_walking_scale
 from trackfg.streaming.window.window import Interval, Window
 
@@ -36,14 +36,12 @@ OFF_S = 60.0
 """How long a device that restarted is taken to have been off, s: the order of a reboot. Its clock does not show it."""
 _ROLLING_SIGMAS = 4.0
 """Maximum deviation from the predicted distance, in sigmas, of a wheel that rolls without slip."""
-_WITHIN_INTERVAL = (FactorType.ABSOLUTE_FIX, FactorType.GNSS_POSITION, FactorType.GNSS_SPEED)
-"""Families whose factors may touch the older keyframe alone and are new all the same."""
 OTHER_ROWS = (
     FactorType.TACH_DISTANCE,
     FactorType.TACH_READING,
-    *_WITHIN_INTERVAL,
+    *WITHIN_INTERVAL,
     FactorType.WITHHELD_FIX,
-    *(kind for kind in FactorType if kind.of_further_sensor and kind not in _WITHIN_INTERVAL),
+    *(kind for kind in FactorType if kind.of_further_sensor and kind not in WITHIN_INTERVAL),
 )
 """Families of other rows than the inertial sensor's."""
 
@@ -51,7 +49,7 @@ OTHER_ROWS = (
 class Prediction(NamedTuple):
     """The next interval by the inertial sensor alone; :func:`with_other_rows` adds the rest."""
 
-    inputs: GraphInputs
+    motion: PredictedMotion
     interval: Interval
 
     def with_walking_scale(self, per_sqrt_m: float) -> Prediction:
@@ -78,14 +76,14 @@ def predict_interval(
     """
     newest = window.states.take(slice(len(window) - 1, None))
     motion = PredictedMotion.of(context, newest, data, edges, at_rest)
-    inputs, start, measured, distance = motion.inputs, motion.start, motion.measured, motion.distance
+    start, measured, distance = motion.start, motion.measured, motion.distance
     odo = Odo.of(start.odo.distance + distance, start.odo.scale, start.odo.count + distance, np.array([distance]))
     predicted = replace(newest, nav=motion.nav, odo=odo)
-    families = _new_factors([*path_length_factors(inputs), *along_track(inputs, motion.turned)])
+    families = motion.families
     if broken:
-        measured, families = _across_break(inputs, start, measured, families)
-    end = float(inputs.t[1])
-    return Prediction(inputs, Interval(end, start.bias[0], predicted, measured, motion.response, families))
+        measured, families = _across_break(motion, measured, families)
+    end = float(motion.t[1])
+    return Prediction(motion, Interval(end, start.bias[0], predicted, measured, motion.response, families))
 
 
 def with_other_rows(prediction: Prediction, recording: Recording, wheel: Wheel | None, speed_sd: float) -> Interval:
@@ -94,14 +92,14 @@ def with_other_rows(prediction: Prediction, recording: Recording, wheel: Wheel |
     Where the wheel's distance agrees with the prediction, ``speed_sd`` (m/s) being that of the newest keyframe, the
     next keyframe is moved to it: at the prediction itself, the robust loss would take the inertial drift for a slip.
     """
-    inputs, interval = prediction.inputs.with_rows(recording, wheel), prediction.interval
-    predicted = interval.predicted
+    motion, interval = prediction.motion, prediction.interval
+    predicted, tach = interval.predicted, TachInterval.of(motion, wheel)
     if wheel is not None:
-        counted, span = np.diff(wheel.at(inputs.t)), float(inputs.t[1] - inputs.t[0])
-        more = float((counted - predicted.odo.step)[0])
-        further = float(tach_excess(predicted.odo.scale, counted, predicted.odo.step)[0])
-        moved_sd = span * np.hypot(speed_sd, np.max(interval.measured.noise.accel) * np.sqrt(span / 3.0))
-        distance_sd = np.hypot(moved_sd, np.sqrt(2.0) * wheel.rounding_sd)
+        span = float(motion.t[1] - motion.t[0])
+        more = float(tach.counted - predicted.odo.step[0])
+        further = float(tach_excess(predicted.odo.scale, tach.counted, predicted.odo.step)[0])
+        moved_sd = span * math.hypot(speed_sd, max(interval.measured.noise.accel.tolist()) * math.sqrt(span / 3.0))
+        distance_sd = math.hypot(moved_sd, math.sqrt(2.0) * wheel.rounding_sd)
         if abs(further) < _ROLLING_SIGMAS * distance_sd:
             nav, forward = predicted.nav, predicted.nav.R @ mount_matrix(predicted.mount)[0, :, 0]
             nav = Nav(nav.R, nav.p + further * forward, nav.v + further / span * forward)
@@ -110,18 +108,23 @@ def with_other_rows(prediction: Prediction, recording: Recording, wheel: Wheel |
             further = 0.0
         by_wheel = np.array([further, 0.0, more, further])
         predicted = replace(predicted, odo=Odo(predicted.odo.array + by_wheel))
-    families = (
-        *interval.families,
-        *_new_factors([*tach_factors(inputs), *positions(inputs), *further_distances(inputs)]),
-    )
+    families = (*interval.families, *tach.families, *_of_positions_and_others(motion, recording, wheel))
     return interval._replace(predicted=predicted, families=families)
 
 
+def _of_positions_and_others(motion: PredictedMotion, recording: Recording, wheel: Wheel | None) -> tuple[Family, ...]:
+    """Return the factors of fixes, GNSS and further sensors; most intervals have no rows of these."""
+    if recording.fixes is None and recording.gnss is None and not recording.others:
+        return ()
+    inputs = motion.inputs.with_rows(recording, wheel)
+    return new_factors([*positions(inputs), *further_distances(inputs)])
+
+
 def _across_break(
-    inputs: GraphInputs, newest: States, measured: Preintegration, families: tuple[Family, ...]
+    motion: PredictedMotion, measured: Preintegration, families: tuple[Family, ...]
 ) -> tuple[Preintegration, tuple[Family, ...]]:
     """Return measurement and factors with the noise of a hole of :data:`OFF_S`: the vehicle may have moved on."""
-    config, lasting = inputs.config.imu, float(inputs.t[1] - inputs.t[0])
+    config, lasting, newest = motion.context.config.imu, float(motion.t[1] - motion.t[0]), motion.start
     moved_sd = float(
         np.hypot(np.linalg.norm(newest.nav.v[0]) * OFF_S, config.bridge_accel_white * OFF_S**1.5 / np.sqrt(3.0))
     )
@@ -135,14 +138,3 @@ def _across_break(
         lambda family: family.with_sigma(np.full_like(family.sigma, moved_sd)),
     )
     return replace(measured, noise=noise), loose
-
-
-def _new_factors(families: list[Family]) -> tuple[Family, ...]:
-    """Return the factors that the interval before did not have: those of the older keyframe alone are known."""
-    new = (family if family.type in _WITHIN_INTERVAL else _on_later_keyframe(family) for family in families)
-    return tuple(family for family in new if len(family))
-
-
-def _on_later_keyframe(family: Family) -> Family:
-    mask = family.last_keyframe == 1
-    return family if mask.all() else family.take(mask)

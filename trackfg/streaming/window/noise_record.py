@@ -36,6 +36,9 @@ _INERTIAL = ("gyro", "accel")
 _OTHERS = tuple(FAMILIES.values())
 """Groups with one level."""
 
+_TACH = _OTHERS.index(FAMILIES[FactorType.TACH_DISTANCE])
+"""The wheel's place among these."""
+
 _GROUPS = (*_INERTIAL, *_OTHERS)
 """All groups, in the order of their sums."""
 
@@ -155,7 +158,9 @@ class NoiseRecord:
 
     def weigh_wheel(self, families: Iterable[Family]) -> tuple[Family, ...]:
         """Return the families of the next interval with the sigma of the wheel's rolling at its level."""
-        level = self.others[_OTHERS.index(FAMILIES[FactorType.TACH_DISTANCE])]
+        level = self.others[_TACH]
+        if level == 1.0:
+            return tuple(families)
         return changed(families, FactorType.TACH_DISTANCE, lambda tach: tach.with_sigma(tach.sigma * level))
 
     def events(self, until_s: float) -> tuple[Event, ...]:
@@ -213,8 +218,8 @@ def _with_more(measured: Preintegration, more: Array, level: Array) -> Preintegr
 
 
 def _scaled_families(families: Iterable[Family], factor: Array) -> tuple[Family, ...]:
-    level = dict(zip(_OTHERS, factor.tolist(), strict=True))
+    level = {name: own for name, own in zip(_OTHERS, factor.tolist(), strict=True) if own != 1.0}
     return tuple(
-        family.with_sigma(family.sigma * level[FAMILIES[family.type]]) if family.type in FAMILIES else family
+        family.with_sigma(family.sigma * level[group]) if (group := FAMILIES.get(family.type)) in level else family
         for family in families
     )

@@ -6,16 +6,26 @@ functions, one after the other, are its reference.
 
 from __future__ import annotations
 
-from dataclasses import replace
-from typing import NamedTuple
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
+from trackfg.factors.family import Family
 from trackfg.factors.imu import Preintegration, PreintegrationNoise
+from trackfg.factors.path import LEAST_TURN
 from trackfg.factors.states import Kind, Nav, States
 from trackfg.graph.inertial import increment_s, preintegrated
 from trackfg.graph.inputs import RATE_WINDOW_S, GraphInputs, declared_noise
-from trackfg.graph.motion import turned
+from trackfg.graph.motion import along_track, turned
+from trackfg.graph.odometry import (
+    ARC_SD_M,
+    ARC_SD_RELATIVE,
+    DISTANCE_SD_M,
+    ROLLED_AT_REST_M,
+    path_length_factors,
+)
 from trackfg.graph.wheel_slip import Rolling
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.geodesy import EARTH_RADIUS
@@ -35,24 +45,36 @@ from trackfg.sensors.imu_noise import (
 )
 from trackfg.sensors.tach import Wheel
 from trackfg.streaming.rows import NO_SAMPLES
+from trackfg.streaming.window.interval_factors import new_factors
 from trackfg.streaming.window.stream_context import StreamContext
 
 _NO_RESTS = np.zeros((0, 2))
 
 
-class PredictedMotion(NamedTuple):
-    """``inputs`` with the first guess of the motion, the keyframe that it begins at with the interval's bias
-    (``start``) and that bias' ``response`` to the calibration (6, IMU); what was ``measured``; the state at the end
-    (``nav``) and the ``distance`` along the track, m, backwards negative; and how the body ``turned`` in between.
+@dataclass(frozen=True)
+class PredictedMotion:
+    """The keyframe that the motion begins at, with the interval's bias (``start``), and that bias' ``response`` to the
+    calibration (6, IMU); what was ``measured`` between the times ``t`` (2,), s; the state at the end (``nav``) and the
+    ``distance`` along the track, m, backwards negative; the ``families`` of the motion along the track; and what a
+    wheel's rolling depends on, ``rolling`` (4,): how far the vehicle moved, m, and turned, rad, the mean forward force,
+    g, and the speed at the end, m/s.
     """
 
-    inputs: GraphInputs
+    context: StreamContext
+    make_inputs: Callable[[], GraphInputs]
+    t: Array
     start: States
     response: Array
     measured: Preintegration
     nav: Nav
     distance: float
-    turned: Turning
+    families: tuple[Family, ...]
+    rolling: Array
+
+    @cached_property
+    def inputs(self) -> GraphInputs:
+        """What factors of other rows are made from, with the first guess of the motion."""
+        return self.make_inputs()
 
     @classmethod
     def of(
@@ -79,7 +101,12 @@ def _by_arrays(
     speed += distance / (end - begin) - 0.5 * (slow + fast)
     path = _path(data, standing.rpy[:1], start.bias, speed)
     inputs = inputs.with_motion(path, _rolling(path, data.edges, path.rolled(data.edges)))
-    return PredictedMotion(inputs, start, response, measured, nav, distance, turned(inputs))
+    families = new_factors([*path_length_factors(inputs), *along_track(inputs, turned(inputs))])
+    turn, force = inputs.mean_rate[0, 2] * (end - begin), inputs.mean_accel[0, 0] / context.world.gravity
+    rolling = np.array([inputs.distance[0], turn, force, np.interp(end, path.t, path.speed)])
+    return PredictedMotion(
+        context, lambda: inputs, inputs.t, start, response, measured, nav, distance, families, rolling
+    )
 
 
 def _by_kernel(
@@ -93,8 +120,9 @@ def _by_kernel(
     count = -(-(end - begin) // group)
     means, response, noise = np.empty((3, 3)), np.empty((6, Kind.IMU.dim)), np.empty((2, 6))
     increments, frame, delta, state = np.empty(7 * count), np.empty(4), np.empty(compiled.DELTA_SIZE), np.empty(15)
-    motion, rolled, turns, rates = np.empty(3), np.empty(len(data.edges)), np.empty((3, 1, 3, 3)), np.empty((2, 3))
-    results = (means, response, noise, increments, frame, delta, state, motion, rolled, turns, rates)
+    motion, rolled, turns, rates = np.empty(7), np.empty(len(data.edges)), np.empty((3, 1, 3, 3)), np.empty((2, 3))
+    ahead, sigmas = np.empty((1, 3)), np.empty((1, 7))
+    results = (means, response, noise, increments, frame, delta, state, motion, rolled, turns, rates, ahead, sigmas)
     compiled.predict_interval(
         *(t, gyro, accel, np.ascontiguousarray(data.bridged)),
         (begin, end, block_length(data), *vibration_widths(data), group),
@@ -117,27 +145,38 @@ def _by_kernel(
     )
     vars(measured)["delta"] = delta
     nav = Nav(state[None, :9].reshape(1, 3, 3), state[None, 9:12], state[None, 12:])
-    path = _path(data, rpy_from_matrix(newest.nav.R), bias, motion[1:])
-    rolling = _rolling(path, data.edges, rolled)
-    inputs = _inputs(context, data, edges, NoiseFloor.unknown(data), path, rolling).knowing(
-        mean_accel=means[:1],
-        mean_gyro=means[1:2],
-        vibration=means[2:],
-        noise=white,
-        distance=rolled[end : end + 1] - rolled[begin],
-        body_rate=rates,
+
+    def inputs() -> GraphInputs:
+        path = _path(data, rpy_from_matrix(newest.nav.R), bias, motion[1:3])
+        rolling = _rolling(path, data.edges, rolled)
+        return _inputs(context, data, edges, NoiseFloor.unknown(data), path, rolling).knowing(
+            mean_accel=means[:1],
+            mean_gyro=means[1:2],
+            vibration=means[2:],
+            noise=white,
+            distance=motion[3:4],
+            body_rate=rates,
+        )
+
+    follows_path = context.description.imu.rigid and not data.bridged[begin:end].any()
+    families = context.motion_factors.measured(sigmas, Turning(*turns), ahead, rates[1:], follows_path=follows_path)
+    return PredictedMotion(
+        context, inputs, data.edges[edges], start, response, measured, nav, float(motion[0]), families, motion[3:]
     )
-    return PredictedMotion(inputs, start, response, measured, nav, float(motion[0]), Turning(*turns))
 
 
 def _setting(context: StreamContext, dt: float, at_rest: NoiseAtRest) -> Array:
     """Return the numbers that ``Setting`` in ``kernels/prediction.cpp`` names; ``dt``: usual time of a sample, s."""
     world, bridge, position = context.world, _bridge(context), PreintegrationNoise.position
+    motion, tach, level = context.config.motion, context.config.tach, context.config.noise
     assumed = at_rest.assumed(*declared_noise(context.description, context.config))
     return np.array([
         *(dt, CLEARLY, world.gravity, *world.earth_rate.tolist(), EARTH_RADIUS, RATE_WINDOW_S, AT_REST_M, position),
         *(*context.description.imu.lever_arm_m, *assumed.tolist(), *at_rest.excess.tolist()),
         *(*bridge.gyro.tolist(), *bridge.accel.tolist()),
+        *(DISTANCE_SD_M, tach.scale_walk_per_sqrt_m, ROLLED_AT_REST_M, ARC_SD_M, ARC_SD_RELATIVE),
+        *(motion.lateral_sd_mps, motion.vertical_sd_mps, motion.sd_per_speed, level.motion),
+        *(motion.path_sd_m, motion.path_sd_relative, level.path, LEAST_TURN),
     ])  # fmt: skip
 
 

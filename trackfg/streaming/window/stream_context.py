@@ -15,6 +15,7 @@ from trackfg.recording.description import RecordingDescription
 from trackfg.results.summary import GeometryConventions
 from trackfg.sensors.imu_intervals import Intervals
 from trackfg.sensors.imu_noise import WhiteNoise, noise_seen
+from trackfg.streaming.window.interval_factors import MotionFactors, TachFactors
 from trackfg.streaming.window.noise_record import NoiseRecord
 
 
@@ -27,7 +28,7 @@ class StreamContext:
     world: World
     clock_origin: float
 
-    @property
+    @cached_property
     def lever_arm(self) -> Array:
         """The IMU's position in the vehicle, m, shape (3,)."""
         return np.array(self.description.imu.lever_arm_m)
@@ -36,6 +37,16 @@ class StreamContext:
     def conventions(self) -> GeometryConventions:
         """What the geometry's columns mean."""
         return geometry_conventions(self.config.geometry, self.description.track)
+
+    @cached_property
+    def motion_factors(self) -> MotionFactors:
+        """The families of the motion along the track over an interval, without its numbers."""
+        return MotionFactors.of(self.description, self.config)
+
+    @cached_property
+    def tach_factors(self) -> TachFactors:
+        """The families of the wheel over an interval, without its numbers."""
+        return TachFactors.of(self.config)
 
     def noise_of(self, t: Array, data: Intervals, noise: NoiseRecord) -> WhiteNoise:
         """Return the noise of the inertial ``data`` between keyframes at ``t`` (n,), with the recorded levels."""

@@ -11,6 +11,7 @@ import pytest
 
 from trackfg.config import SmoothConfig
 from trackfg.datasets.scenarios import Simulation
+from trackfg.factors.family import Family
 from trackfg.factors.states import Kind, Nav, Odo, States
 from trackfg.graph.inputs import World
 from trackfg.numerics.arrays import Array
@@ -85,6 +86,11 @@ def numbers(found: Any) -> Iterator[Array]:
         yield np.asarray(found, dtype=np.float64)
 
 
+def measurements(family: Family) -> tuple[Array, ...]:
+    """What distinguishes two families of one type, in the order of the names."""
+    return family.sigma, *(slot.index for slot in family.slots), *(data for _, data in sorted(family.data.items()))
+
+
 @pytest.mark.parametrize("name", RECORDS)
 @pytest.mark.parametrize("speed", [30.0, -4.0, 0.0])
 def test_the_kernel_predicts_as_the_batchs_functions_do(
@@ -98,8 +104,9 @@ def test_the_kernel_predicts_as_the_batchs_functions_do(
         inputs = motion.inputs
         known = (inputs.mean_accel, inputs.mean_gyro, inputs.vibration, inputs.noise, inputs.distance, inputs.body_rate)
         guessed = (inputs.path.rpy, inputs.path.speed, inputs.path.gyro_bias, inputs.distance_at(data.edges))
-        rest = (inputs.durations, inputs.mean_rate, motion.start.bias, motion.start.nav.p)
-        return list(numbers((known, guessed, rest, *motion[2:])))
+        rest = (inputs.durations, inputs.mean_rate, motion.start.bias, motion.start.nav.p, motion.t)
+        found = (motion.response, motion.measured, motion.nav, motion.distance, motion.rolling)
+        return list(numbers((known, guessed, rest, found, tuple(map(measurements, motion.families)))))
 
     ours, theirs = with_both(predicted)
     assert len(ours) == len(theirs) > 25
@@ -111,10 +118,10 @@ def test_the_kernel_refuses_arrays_that_do_not_belong_together() -> None:
     compiled = pytest.importorskip("trackfg.numerics.compiled")
     data = samples(20)
     given = (data.edges, data.gyro, data.accel, data.bridged)
-    for layout, setting, refused in (((5, 3, 0, 3, 3, 1), 32, "the interval"), ((0, 3, 0, 3, 3, 1), 9, "settings")):
+    for layout, setting, refused in (((5, 3, 0, 3, 3, 1), 45, "the interval"), ((0, 3, 0, 3, 3, 1), 9, "settings")):
         with pytest.raises(ValueError, match=f"do not belong together: {refused}"):
             compiled.predict_interval(*given, layout, np.zeros(setting), np.zeros(11), newest(1.0).arrays, ())
     with pytest.raises(ValueError, match="do not belong together: results"):
         compiled.predict_interval(
-            *given, (0, 3, 0, 3, 3, 1), np.zeros(31), np.zeros(11), newest(1.0).arrays, (np.zeros(9),)
+            *given, (0, 3, 0, 3, 3, 1), np.zeros(44), np.zeros(11), newest(1.0).arrays, (np.zeros(9),)
         )
