@@ -100,6 +100,17 @@ class Family(Outlined):
     label: str = ""
     """What reports call it, if not by its type."""
 
+    @classmethod
+    def sound(
+        cls, kind: FactorType, evaluate: Evaluate, slots: tuple[Slot, ...], data: Mapping[str, Array], sigma: Array
+    ) -> Family:
+        """Return a family without a loss, of parts that are known to be sound: a stream makes hundreds a second."""
+        family = object.__new__(cls)
+        family.__dict__.update(
+            type=kind, evaluate=evaluate, slots=slots, data=data, sigma=sigma, loss=None, doubtful=None, label=""
+        )
+        return family
+
     def __post_init__(self) -> None:
         self._check_array("sigma", self.sigma)
         m = len(self.sigma)
@@ -169,7 +180,7 @@ class Family(Outlined):
         rest = self.take(last)
         if not isinstance(self.loss, SwitchChain):
             return rest
-        norm = np.linalg.norm(self.whitened(states), axis=1)[: len(self) - len(rest)]
+        norm = row_norms(self.whitened(states))[: len(self) - len(rest)]
         return rest._with(loss=self.loss.after(norm))
 
     def shifted(self, by: int) -> Family:
@@ -237,11 +248,11 @@ class Family(Outlined):
         """Return the robust weight of each factor, 1 without a loss. Shape (m,)."""
         if self.loss is None:
             return np.ones(len(self))
-        return self.loss.weight(np.linalg.norm(self.whitened(states), axis=1))
+        return self.loss.weight(row_norms(self.whitened(states)))
 
     def cost(self, states: States) -> float:
         """Return half the sum of squared whitened residuals, or of the loss."""
-        norm = np.linalg.norm(self.whitened(states), axis=1)
+        norm = row_norms(self.whitened(states))
         return float(np.sum(0.5 * norm**2 if self.loss is None else self.loss.cost(norm)))
 
     def linearize(self, states: States) -> LinearFactors:
@@ -255,7 +266,7 @@ class Family(Outlined):
             rows *= (1.0 / self.sigma)[:, :, None]
             width = 0.0
         if self.loss is not None and not width:
-            rows *= np.sqrt(self.loss.weight(np.linalg.norm(rows[:, :, -1], axis=1)))[:, None, None]
+            rows *= np.sqrt(self.loss.weight(row_norms(rows[:, :, -1])))[:, None, None]
         return LinearFactors(self.slots, rows)
 
     def _rows_by_kernel(self, states: States, columns: int, width: float) -> Array | None:
@@ -293,6 +304,11 @@ def changed(families: Iterable[Family], kind: FactorType, change: Callable[[Fami
 def family_of(families: Iterable[Family], kind: FactorType) -> Family | None:
     """Return the first family of type ``kind``; None where there is none."""
     return next((family for family in families if family.type is kind), None)
+
+
+def row_norms(rows: Array) -> Array:
+    """Return the norm of each row (m, d), (m,)."""
+    return np.asarray(np.sqrt(np.einsum("ij,ij->i", rows, rows)))
 
 
 def _finite(array: Array) -> bool:

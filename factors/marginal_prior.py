@@ -44,6 +44,9 @@ from trackfg.numerics.rotations import body_rates, cross, euler_rates, matrix_fr
 _KINDS = (*ELIMINATION_ORDER, *SHARED)
 _OTHERS = tuple(kind for kind in _KINDS if kind is not Kind.NAV)
 _IN_KEYFRAME = len(ELIMINATION_ORDER)
+_SLOTS = tuple(Slot(kind, np.zeros(1, dtype=np.int64)) for kind in _KINDS)
+"""A marginal prior is on keyframe 0 and the shared variables."""
+
 _ORIGINS = ("R", "p", "v", "bias", "odo", "mount", "clock", "imu", "wheel")
 """The linearisation point in the data of a marginal prior, in the order of :attr:`States.arrays`."""
 
@@ -163,14 +166,13 @@ def marginal_prior(rows: Array, origin: States) -> Family:
     ``rows`` has the shape (r, KEYFRAME_DIM + SHARED_DIM + 1), ``origin`` one keyframe. Residual: ``A x - b``,
     in sigmas, with x from ``origin``.
     """
-    zero = np.zeros(1, dtype=np.int64)
-    nav = origin.nav
+    if not np.isfinite(rows).all():
+        raise ValueError("rows of a marginal prior must be finite")
+    nav, A, b = origin.nav, np.ascontiguousarray(rows[:, :-1]), np.ascontiguousarray(rows[:, -1])
     others = {kind.attribute: vectors(origin.of(kind)) for kind in _OTHERS}
-    others["sensor"] = origin.sensor[None]
-    data = {"R": nav.R, "p": nav.p, "v": nav.v, **others, "A": rows[None, :, :-1], "b": rows[None, :, -1]}
-    sensors = np.arange(len(origin.sensor))[:, None]
-    slots = (*(Slot(kind, zero) for kind in _KINDS), *(Slot(Kind.SENSOR, j) for j in sensors))
-    return Family(FactorType.MARGINAL_PRIOR, _marginal, slots, data, np.ones((1, len(rows))))
+    data = {"R": nav.R, "p": nav.p, "v": nav.v, **others, "sensor": origin.sensor[None], "A": A[None], "b": b[None]}
+    sensors = tuple(Slot(Kind.SENSOR, j) for j in np.arange(len(origin.sensor))[:, None])
+    return Family.sound(FactorType.MARGINAL_PRIOR, _marginal, (*_SLOTS, *sensors), data, np.ones((1, len(rows))))
 
 
 def delayed_position(rows: Array, origin: States) -> Family:

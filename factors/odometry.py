@@ -79,7 +79,7 @@ def creep_sd(per_traction: float, force_on_distance: Array) -> Array:
     return np.asarray(per_traction * np.abs(force_on_distance))
 
 
-def tach_excess(scale: Array, counted: Array, distance: Array, explained: Array | float = 0.0) -> Array:
+def tach_excess(scale: Array, counted: Array | float, distance: Array, explained: Array | float = 0.0) -> Array:
     """Return how much further the wheel rolled than the vehicle moved, m: ``S dW - dD - explained``.
 
     ``counted`` (m,) is what the tach counts over each interval, m, ``scale`` (m,) the wheel scale, ``distance`` (m,)

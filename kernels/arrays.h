@@ -110,6 +110,7 @@ PyObject *step_from(PyObject *, PyObject *arguments);
 PyObject *quantities(PyObject *, PyObject *arguments);
 PyObject *quantity_variances(PyObject *, PyObject *arguments);
 PyObject *trajectory_rows(PyObject *, PyObject *arguments);
+PyObject *spread(PyObject *, PyObject *arguments);
 PyObject *hermite_at(PyObject *, PyObject *arguments);
 PyObject *add_weighted_rows(PyObject *, PyObject *arguments);
 PyObject *add_up_rows(PyObject *, PyObject *arguments);

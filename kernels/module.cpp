@@ -29,6 +29,7 @@ static PyMethodDef methods[] = {
     {"quantities", quantities, METH_VARARGS, "Differentiate what a trajectory tells."},
     {"quantity_variances", quantity_variances, METH_VARARGS, "Compute the variances of what a trajectory tells."},
     {"trajectory_rows", trajectory_rows, METH_VARARGS, "Compute rows of a trajectory with their sigmas."},
+    {"spread", spread, METH_VARARGS, "Compute the variances of predicted residuals."},
     {"hermite_at", hermite_at, METH_VARARGS, "Evaluate cubics."},
     {"add_weighted_rows", add_weighted_rows, METH_VARARGS, "Add weighted sums of rows."},
     {"add_up_rows", add_up_rows, METH_VARARGS, "Make running sums of rows."},
@@ -46,7 +47,7 @@ static PyModuleDef definition = {
 PyMODINIT_FUNC PyInit_compiled() {
     PyObject *module = PyModule_Create(&definition);
     // Raised by one whenever a function's arguments change, so that a build of older sources is not called.
-    if (module != nullptr && (PyModule_AddIntConstant(module, "REVISION", 24) != 0 ||
+    if (module != nullptr && (PyModule_AddIntConstant(module, "REVISION", 25) != 0 ||
                               PyModule_AddIntConstant(module, "DELTA_SIZE", DELTA_SIZE) != 0)) {
         Py_DECREF(module);
         return nullptr;

@@ -14,7 +14,7 @@ constexpr double STANDARD_GRAVITY = 9.80665;  // trackfg.numerics.units
 
 // In the order in which predicted_motion.py writes them.
 struct Setting {
-    double dt, clearly, gravity, earth_rate[AXES], earth_radius, rate_s, at_rest, position_noise, lever_arm[AXES];
+    double clearly, gravity, earth_rate[AXES], earth_radius, rate_s, at_rest, position_noise, lever_arm[AXES];
     double declared[CHANNELS], excess[CHANNELS], bridged[CHANNELS];
     double distance_sd, scale_walk, rolled_at_rest, arc_sd, arc_relative;
     double lateral_sd, vertical_sd, per_speed, motion_level, path_sd, path_relative, path_level, least_turn;
@@ -93,9 +93,9 @@ void respond(const double *force, const double *rate, const double *power, const
 
 }  // namespace
 
-// predict_interval(edges (n + 1), gyro (n, 3), accel (n, 3), bridged (n), layout, setting, limits, states, results): the
+// predict_interval(edges (n + 1), gyro (n, 3), accel (n, 3), bridged (n), layout, dt, setting, limits, states, results): the
 // interval of the samples from layout[0] to layout[1], noise blocks of layout[2] samples, the widths layout[3] and [4] of
-// vibration, increments of layout[5] samples; `setting` as above, `limits` of the noise; `states` of one keyframe, which it
+// vibration, increments of layout[5] samples, which usually take `dt`, s; `setting` as above, `limits` of the noise; `states` of one keyframe, which it
 // begins at, as States.arrays has them. Results: means of accelerometer, gyro and vibration (3, 3); response (6, 29); bias
 // and density of the noise (2, 6); increments (m, 7): durations (m), then rotations (m, 3), then velocities (m, 3); gravity
 // and the frame's rate (4); delta; state at the end (15); distance, speeds at the first and last edge, how far
@@ -105,8 +105,9 @@ void respond(const double *force, const double *rate, const double *power, const
 PyObject *predict_interval(PyObject *, PyObject *arguments) {
     PyObject *py[8];
     Py_ssize_t begin, end, length, fast, lasting, group;
-    if (!PyArg_ParseTuple(arguments, "OOOO(nnnnnn)OOOO", &py[0], &py[1], &py[2], &py[3], &begin, &end, &length, &fast,
-                          &lasting, &group, &py[4], &py[5], &py[6], &py[7]))
+    double dt;
+    if (!PyArg_ParseTuple(arguments, "OOOO(nnnnnn)dOOOO", &py[0], &py[1], &py[2], &py[3], &begin, &end, &length, &fast,
+                          &lasting, &group, &dt, &py[4], &py[5], &py[6], &py[7]))
         return nullptr;
     const Doubles edges(py[0], 1), gyro(py[1], 2), accel(py[2], 2);
     if (!edges.ok() || !gyro.ok() || !accel.ok()) return nullptr;
@@ -156,7 +157,7 @@ PyObject *predict_interval(PyObject *, PyObject *arguments) {
 
     const NoiseRule rule = {setting.declared, setting.excess, limits.data(), setting.clearly};
     const double ends[2] = {t[begin], t[end]};
-    noise_between(samples, length, setting.dt, rule, ends, 1, noise);
+    noise_between(samples, length, dt, rule, ends, 1, noise);
     for (int i = 0; i < CHANNELS; ++i) noise[i] = std::sqrt(noise[i]);
     double assumed[CHANNELS + 1];
     for (int i = 0; i < CHANNELS; ++i) {

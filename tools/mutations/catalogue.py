@@ -225,8 +225,8 @@ _FACTORS = (
             ),
             _one(
                 "a weight acts in full on the residual instead of by its root",
-                "np.sqrt(self.loss.weight(np.linalg.norm(rows[:, :, -1], axis=1)))",
-                "self.loss.weight(np.linalg.norm(rows[:, :, -1], axis=1))",
+                "np.sqrt(self.loss.weight(row_norms(rows[:, :, -1])))",
+                "self.loss.weight(row_norms(rows[:, :, -1]))",
             ),
         ),
     ),

@@ -63,6 +63,7 @@ def predict_interval(
     accel: Array,
     bridged: np.ndarray,
     layout: tuple[int, int, int, int, int, int],
+    dt: float,
     setting: Array,
     limits: Array,
     states: tuple[Array, ...],
@@ -209,6 +210,18 @@ def trajectory_rows(
 ) -> None: ...
 def add_weighted_rows(rows: Array, index: np.ndarray, weights: Array, out: Array, /) -> None: ...
 def add_up_rows(rows: Array, /) -> None: ...
+def spread(
+    rows: Array,
+    first: np.ndarray,
+    last: np.ndarray,
+    columns: np.ndarray,
+    later: np.ndarray,
+    of_keyframes: Array,
+    of_shared: Array,
+    cross: Array,
+    out: Array,
+    /,
+) -> None: ...
 def hermite_at(t: Array, times: Array, places: Array, velocities: Array, out: Array, /) -> None: ...
 def switch_chain(
     z: Array, transition: Array, stay_cost: float, outlier: float, inlier_before: float, first: Array, /

@@ -13,7 +13,7 @@ import numpy as np
 
 from trackfg.numerics.arrays import Array
 
-_REVISION = 24
+_REVISION = 25
 """Revision of the kernels' arguments, as in ``kernels/module.cpp``. A module with another one was compiled from other
 sources and is not used.
 """
@@ -35,8 +35,8 @@ def kernel_argument(values: Array) -> Array:
     views into the bytes of a file need not be.
     """
     flags = values.flags
-    if values.dtype == np.float64 and flags.c_contiguous and flags.aligned:
-        return values
+    if values.dtype == np.float64 and flags.aligned:
+        return values if flags.c_contiguous else np.ascontiguousarray(values)
     return np.require(values, np.float64, ["C_CONTIGUOUS", "ALIGNED"])
 
 

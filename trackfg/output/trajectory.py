@@ -153,8 +153,9 @@ def _spread_by_kernel(states: States, covariance: Covariance, lever_arm: Array) 
     from trackfg.numerics import compiled
 
     spread = _Spread(np.empty((len(states), len(QUANTITIES))), np.empty((len(states), 3)))
-    given = (states.nav.R, states.nav.v, states.mount[0], lever_arm, covariance.of_keyframes, covariance.of_shared)
-    compiled.quantity_variances(*map(kernel_argument, given), *spread)
+    R, v, mount, arm = map(kernel_argument, (states.nav.R, states.nav.v, states.mount[0], lever_arm))
+    of_keyframes, of_shared = map(kernel_argument, (covariance.of_keyframes, covariance.of_shared))
+    compiled.quantity_variances(R, v, mount, arm, of_keyframes, of_shared, spread.variance, spread.with_point)
     return spread
 
 

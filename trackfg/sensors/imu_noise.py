@@ -178,7 +178,7 @@ class WhiteNoise(Outlined):
         return cls(density[:, :3], density[:, 3:])
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class NoiseAtRest:
     """What rests show of the noise of all intervals, as densities squared (6,), gyro first.
 

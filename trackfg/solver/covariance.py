@@ -109,7 +109,7 @@ class Covariance(Outlined):
 
         It is that of an error which all of them have in common.
         """
-        if not np.any(variance):
+        if not (variance if isinstance(variance, float) else np.any(variance)):
             return self
         at, sd = offset_in_keyframe(Kind.ODO), np.broadcast_to(np.sqrt(variance), len(self.of_keyframes))
         of_keyframes, cross = self.of_keyframes.copy(), self.cross.copy()

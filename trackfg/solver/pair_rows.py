@@ -10,7 +10,7 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from trackfg.factors.family import Family, LinearRows, kernel_of
+from trackfg.factors.family import Family, LinearRows, kernel_of, row_norms
 from trackfg.factors.imu import InertialFactors
 from trackfg.factors.marginal_prior import PriorRows
 from trackfg.factors.states import KEYFRAME_DIM, SHARED_DIM, Kind, States
@@ -56,8 +56,7 @@ def _by_kernel(states: States, families: Sequence[Family], inertial: InertialFac
     for family in typed:
         end = begin + family.rows
         if family.loss is not None and not family.loss.kernel_width:  # a chain, whose weights are those of all together
-            norm = np.linalg.norm(rows[begin:end, -1].reshape(family.sigma.shape), axis=1)
-            weight = np.sqrt(family.loss.weight(norm))
+            weight = np.sqrt(family.loss.weight(row_norms(rows[begin:end, -1].reshape(family.sigma.shape))))
             rows[begin:end] *= weight.repeat(family.sigma.shape[1])[:, None]
         begin = end
     return np.concatenate([rows, stacked_pair(others, len(states.sensor))]) if others else rows

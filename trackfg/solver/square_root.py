@@ -11,6 +11,7 @@ from keyframe to keyframe, so what belongs to navigation states beyond x_{k+1} i
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 
@@ -156,7 +157,8 @@ class SquareRoot(Outlined):
     @cached_property
     def length(self) -> float:
         """The length of the solution in posterior sigmas, ``|R x|``; half its square is what it takes off the cost."""
-        return float(np.sqrt(np.sum(self.d**2) + np.sum(self.d_shared**2)))
+        d = self.d.ravel()
+        return math.sqrt(d @ d + self.d_shared @ self.d_shared)
 
 
 def begins_beyond(ahead: np.ndarray) -> np.ndarray:

@@ -17,8 +17,9 @@ import numpy as np
 
 from trackfg.factors.factor_type import FactorType
 from trackfg.factors.family import Family, family_of
-from trackfg.factors.linear import slot_columns
-from trackfg.factors.states import KEYFRAME_DIM, Kind, States, offset_in_keyframe
+from trackfg.factors.linear import LinearFactors, first_keyframe, last_keyframe, slot_columns
+from trackfg.factors.states import KEYFRAME_DIM, States
+from trackfg.numerics.kernels import compiled_kernels, kernel_argument
 
 if TYPE_CHECKING:
     from trackfg.numerics.arrays import Array
@@ -88,32 +89,49 @@ def _inertial_residuals(graph: Graph, states: States, covariance: Covariance, us
     """Return the residuals of gyro (rows 0-2 of inertial factors) and accelerometer of the intervals ``used``."""
     if used.size == 0:
         return {}
-    linear = graph.inertial.linearize(states)
-    A, e = linear.jacobian[used], linear.b[used]
-    nav, bias = _columns(Kind.NAV), _columns(Kind.BIAS)
-    sides = _Side(A[:, :, np.r_[0:9, 18:24]], np.concatenate([nav, bias])), _Side(A[:, :, 9:18], nav)
-    free = 1.0 - _spread(covariance, used, used + 1, *sides)
+    linear = graph.inertial.linearize(states).take(used)
+    e, free = linear.b, 1.0 - _spread(linear, covariance)
     return {"gyro": Residuals(used, e[:, :3], free[:, :3]), "accel": Residuals(used, e[:, 3:], free[:, 3:])}
 
 
 def _family_residuals(family: Family, states: States, covariance: Covariance) -> Residuals:
     """Return the residuals of a family whose slots lie in at most two neighbouring keyframes."""
     linear = family.linearize(states)
-    keyed = [slot.index for slot in family.slots if not slot.kind.shared]
-    first, last = keyed[0], keyed[-1]
+    return Residuals(family.first_keyframe, linear.b, family.weights(states)[:, None] - _spread(linear, covariance))
+
+
+def _spread(linear: LinearFactors, covariance: Covariance) -> Array:
+    """Return the diagonals of ``J P J'``, (m, r), of factors whose slots lie in at most two neighbouring keyframes."""
+    first, last = (of(linear.slots, len(linear.rows)) for of in (first_keyframe, last_keyframe))
+    later = [not slot.kind.shared and bool((slot.index != first).any()) for slot in linear.slots]
+    if compiled_kernels():
+        return _spread_by_kernel(linear, first, last, later, covariance)
     parts: dict[bool, list[tuple[Array, np.ndarray]]] = {False: [], True: []}
-    for slot, jacobian in zip(family.slots, linear.jacobians, strict=True):
-        later = not slot.kind.shared and bool((slot.index != first).any())
-        parts[later].append((jacobian, slot_columns(slot)))
-    side, next_side = (
+    for slot, jacobian, is_later in zip(linear.slots, linear.jacobians, later, strict=True):
+        parts[is_later].append((jacobian, slot_columns(slot)))
+    sides = (
         _Side(np.concatenate([J for J, _ in blocks], axis=2), np.concatenate([c for _, c in blocks]))
         if blocks
         else _Side(np.zeros((*linear.b.shape, 0)), np.zeros(0, dtype=np.int64))
         for blocks in parts.values()
     )
-    return Residuals(
-        first, linear.b, family.weights(states)[:, None] - _spread(covariance, first, last, side, next_side)
-    )
+    return _spread_by_arrays(covariance, first, last, *sides)
+
+
+def _spread_by_kernel(
+    linear: LinearFactors, first: np.ndarray, last: np.ndarray, later: list[bool], covariance: Covariance
+) -> Array:
+    """Do as :func:`_spread_by_arrays`, in ``kernels/spread.cpp``."""
+    from trackfg.numerics import compiled
+
+    columns = np.concatenate([slot_columns(slot) for slot in linear.slots])
+    of_last = np.repeat(later, [slot.kind.dim for slot in linear.slots])
+    first, last = (np.ascontiguousarray(index, dtype=np.int64) for index in (first, last))
+    parts = (linear.rows, covariance.of_keyframes, covariance.of_shared, covariance.cross)
+    rows, of_keyframes, of_shared, cross = map(kernel_argument, parts)
+    spread = np.empty(rows.shape[:2])
+    compiled.spread(rows, first, last, columns, of_last, of_keyframes, of_shared, cross, spread)
+    return spread
 
 
 class _Side(NamedTuple):
@@ -123,7 +141,9 @@ class _Side(NamedTuple):
     columns: np.ndarray
 
 
-def _spread(covariance: Covariance, first: np.ndarray, last: np.ndarray, side: _Side, next_side: _Side) -> Array:
+def _spread_by_arrays(
+    covariance: Covariance, first: np.ndarray, last: np.ndarray, side: _Side, next_side: _Side
+) -> Array:
     """Return the diagonals of ``J P J'``, (m, r), of factors of keyframes ``first`` and their next ones ``last``."""
     spread = np.empty(side.jacobian.shape[:2])
     for begin in range(0, len(spread), _AT_A_TIME):
@@ -149,8 +169,3 @@ def _cross(covariance: Covariance, first: np.ndarray, rows: np.ndarray, columns:
     cross[:, in_keyframe] = covariance.cross[k[:, None, None], rows[in_keyframe, None], columns]
     cross[:, ~in_keyframe] = at_next[:, :, rows[~in_keyframe]].swapaxes(1, 2)
     return cross
-
-
-def _columns(kind: Kind) -> np.ndarray:
-    """Return the columns of a variable in a keyframe's tangent."""
-    return offset_in_keyframe(kind) + np.arange(kind.dim)

@@ -49,7 +49,8 @@ class RollTest:
         """Take the next smoothed rows, whose columns are those of a trajectory."""
         if not len(smoothed):
             return
-        rows = np.concatenate([self.newest, smoothed[_COLUMNS].to_numpy(dtype=np.float64)])
+        columns = [smoothed[column].to_numpy(dtype=np.float64) for column in _COLUMNS]
+        rows = np.concatenate([self.newest, np.column_stack(columns)])
         rows[:, 2] = np.unwrap(rows[:, 2])
         t, speed, heading, roll, sd = rows.T
         steps = 0.5 * np.abs(speed[1:] + speed[:-1]) * np.diff(t)

@@ -79,9 +79,33 @@ def test_a_ratio_is_of_the_squares_to_the_redundancy() -> None:
     size, at = KEYFRAME_DIM + SHARED_DIM, offset_in_keyframe(Kind.NAV) + 3
     marginal = np.zeros((n, size, size))
     marginal[:, [at, at + 1, at + 2], [at, at + 1, at + 2]] = 0.5 * sigma**2
-    covariance = Covariance.of_marginals(marginal, np.zeros((n - 1, size, size)))
+    covariance = Covariance.of_marginals(marginal, np.zeros((n - 1, KEYFRAME_DIM, size)))
     bridged = np.ones(n - 1, dtype=bool)
     graph: Any = SimpleNamespace(families=(gnss,))
     assert ratios_of(group_residuals(graph, states, covariance, bridged)) == pytest.approx(
         {"gnss": np.sqrt(0.36 / 0.5)}
     )
+
+
+def test_the_kernel_spreads_as_numpy_does(
+    simulated: Callable[..., Simulation], with_both: Callable[[Callable[[], Any]], tuple[Any, Any]]
+) -> None:
+    """Of the accelerometer what is left after cancelling is 1e-4 either way, by a sum in long double."""
+    problem = build_problem(simulated("mainline-gnss", seed=3, duration_s=60.0).recording, SmoothConfig())
+    solution = solve(problem, SmoothConfig().solver)
+    covariance = posterior_covariance(solution.root)
+    ours, theirs = with_both(lambda: group_residuals(problem, solution.states, covariance, problem.run.bridged))
+    assert set(ours) == set(theirs) >= {"gyro", "accel", "motion", "path", "tach", "gnss"}
+    for name, residuals in theirs.items():
+        np.testing.assert_array_equal(ours[name].keyframe, residuals.keyframe)
+        np.testing.assert_allclose(ours[name].redundancy, residuals.redundancy, atol=3e-4 if name == "accel" else 1e-6)
+
+
+def test_the_kernel_refuses_factors_that_do_not_belong_together() -> None:
+    compiled = pytest.importorskip("trackfg.numerics.compiled")
+    first, columns, later = np.zeros(2, dtype=np.int64), np.zeros(3, dtype=np.int64), np.zeros(3, dtype=bool)
+    with pytest.raises(ValueError, match="do not belong together: factors"):
+        compiled.spread(
+            *(np.zeros((1, 1, 4)), first, first, columns, later),
+            *(np.zeros((2, 19, 61)), np.zeros((42, 42)), np.zeros((1, 19, 61)), np.zeros((1, 1))),
+        )

@@ -42,6 +42,8 @@ module                content
 ``running_window``    filter steps, relinearisation passes, and what takes over where a step fails
 ``next_interval``     prediction and factors of the next interval, by the batch smoother's functions
 ``predicted_motion``  the motion over that interval, as its inertial samples measure and predict it
+``interval_factors``  families of one interval, filled with its numbers
+``tach_interval``     what a wheel rolls over that interval, as factors
 ``filter_step``       the Gauss-Newton step of two keyframes, a Kalman filter's update
 ``fix_voting``        which of contradicting fixes are followed
 ``wheel_creep``       whether the wheel crept, as a fix or the accelerometer shows it

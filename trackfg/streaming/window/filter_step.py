@@ -66,9 +66,7 @@ class PredictedPair:
         root, marginal = eliminate_pair(np.concatenate([self.triangle, others]))
         updated = pair.updated_by(root)
         chained = (family for family in pair.families if family.is_chained)
-        chains = (
-            family.tail_of_chain(np.zeros(len(family), dtype=bool), updated.states).shifted(-1) for family in chained
-        )
+        chains = (family.tail_of_chain(slice(len(family), None), updated.states).shifted(-1) for family in chained)
         families = (marginal_prior(marginal, pair.states.take(slice(1, 2))), *chains)
         newest = Window(pair.t[1:], updated.states.take(slice(1, 2)), (), pair.response[1:], families)
         return FilterResult(updated, root, newest, MarginalisedKeyframes.first(pair.t, root, pair.states, 1))

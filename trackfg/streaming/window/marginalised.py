@@ -70,7 +70,8 @@ class MarginalisedHistory:
 
         Returns the rests, s, shape (r, 2).
         """
-        t, moved = self.t, np.array([np.diff(part.linearisation_point.odo.distance)[0] for part in self.parts])
+        distances = [part.linearisation_point.odo.distance.tolist() for part in self.parts]
+        t, moved = self.t, np.array([later - earlier for earlier, later in distances])
         at_rest = (np.abs(moved[:-1]) < _AT_REST_M) & (t[1:] < before)
         rests = [(i, j) for i, j in true_runs(at_rest) if j - i > 1]
         for i, j in reversed(rests):

@@ -218,7 +218,7 @@ def _with_more(measured: Preintegration, more: Array, level: Array) -> Preintegr
 
 
 def _scaled_families(families: Iterable[Family], factor: Array) -> tuple[Family, ...]:
-    level = {name: own for name, own in zip(_OTHERS, factor.tolist(), strict=True) if own != 1.0}
+    level = {name: ratio for name, ratio in zip(_OTHERS, factor.tolist(), strict=True) if ratio != 1.0}
     return tuple(
         family.with_sigma(family.sigma * level[group]) if (group := FAMILIES.get(family.type)) in level else family
         for family in families

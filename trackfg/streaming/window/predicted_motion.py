@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 
@@ -126,7 +126,8 @@ def _by_kernel(
     compiled.predict_interval(
         *(t, gyro, accel, np.ascontiguousarray(data.bridged)),
         (begin, end, block_length(data), *vibration_widths(data), group),
-        _setting(context, data.usual_duration, at_rest),
+        data.usual_duration,
+        _setting(context, at_rest),
         NOISE_LIMITS,
         newest.arrays,
         results,
@@ -165,13 +166,14 @@ def _by_kernel(
     )
 
 
-def _setting(context: StreamContext, dt: float, at_rest: NoiseAtRest) -> Array:
-    """Return the numbers that ``Setting`` in ``kernels/prediction.cpp`` names; ``dt``: usual time of a sample, s."""
+@lru_cache(maxsize=4)
+def _setting(context: StreamContext, at_rest: NoiseAtRest) -> Array:
+    """Return the numbers that ``Setting`` in ``kernels/prediction.cpp`` names; they last until the next rest."""
     world, bridge, position = context.world, _bridge(context), PreintegrationNoise.position
     motion, tach, level = context.config.motion, context.config.tach, context.config.noise
     assumed = at_rest.assumed(*declared_noise(context.description, context.config))
     return np.array([
-        *(dt, CLEARLY, world.gravity, *world.earth_rate.tolist(), EARTH_RADIUS, RATE_WINDOW_S, AT_REST_M, position),
+        *(CLEARLY, world.gravity, *world.earth_rate.tolist(), EARTH_RADIUS, RATE_WINDOW_S, AT_REST_M, position),
         *(*context.description.imu.lever_arm_m, *assumed.tolist(), *at_rest.excess.tolist()),
         *(*bridge.gyro.tolist(), *bridge.accel.tolist()),
         *(DISTANCE_SD_M, tach.scale_walk_per_sqrt_m, ROLLED_AT_REST_M, ARC_SD_M, ARC_SD_RELATIVE),

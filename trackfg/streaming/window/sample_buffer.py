@@ -129,7 +129,7 @@ class SampleBuffer:
     def intervals(self, begin: float, end: float) -> Intervals:
         """Return the inertial intervals that lie between two times, s."""
         data = self.inertial
-        low, high = np.searchsorted(data.edges, begin - 1e-9), np.searchsorted(data.edges, end + 1e-9, side="right") - 1
+        low, high = data.edges.searchsorted(begin - 1e-9), data.edges.searchsorted(end + 1e-9, side="right") - 1
         return data.take(slice(int(low), int(high)))
 
     def keyframe_after(self, last: float, spacing_s: float) -> float | None:
@@ -262,7 +262,7 @@ class SampleBuffer:
 
     @staticmethod
     def _frame(name: str, table: Array, begin: float, end: float) -> pd.DataFrame | None:
-        rows = _between(table, begin, end)
+        rows = _between(table, begin, end) if len(table) else table
         return pd.DataFrame(rows, columns=_columns(name)) if len(rows) else None
 
 
@@ -277,5 +277,4 @@ def _first(table: Array, since: float) -> int:
 
 
 def _between(table: Array, begin: float, end: float) -> Array:
-    rows = slice(*np.searchsorted(table[:, 0], [begin, end]).tolist())
-    return np.asarray(table[rows])
+    return table[slice(*table[:, 0].searchsorted([begin, end]).tolist())]

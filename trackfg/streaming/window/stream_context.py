@@ -19,7 +19,7 @@ from trackfg.streaming.window.interval_factors import MotionFactors, TachFactors
 from trackfg.streaming.window.noise_record import NoiseRecord
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class StreamContext:
     """What is constant along a stream; ``clock_origin``, s, as in :class:`trackfg.graph.build.Problem`."""
 

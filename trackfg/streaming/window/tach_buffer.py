@@ -108,7 +108,7 @@ class TachBuffer:
         not known to be another. Rows up to the newest keyframe are signed for good. In the spans ``uncounted`` (u, 2),
         s, the tach did not count.
         """
-        fresh = rows[(rows[:, 0] > self.rows[-1, 0]) & (rows[:, 0] <= until)]
+        fresh = rows[slice(*rows[:, 0].searchsorted([self.rows[-1, 0], until], side="right").tolist())]
         self._learn(fresh)
         self.sense = old_sense = self._sense_at(speeds[0])
         sense = np.where(fresh[:, 0] > newest_s, self._sense_at(speeds[1]), old_sense)

@@ -46,11 +46,11 @@ def _by_kernel(motion: PredictedMotion, wheel: Wheel) -> TachInterval:
         *(tach.creep_m_per_sqrt_m, tach.creep_per_traction, ROLLED_AT_REST_M, ANY_DISTANCE_SD_M),
         *(config.noise.tach, wheel.quantum),
     ])  # fmt: skip
-    rows = map(kernel_argument, (wheel.t, wheel.distance, wheel.gaps, wheel.uncounted))
-    is_read = compiled.tach_interval(*rows, numbers, out)
+    t, distance, gaps, uncounted = map(kernel_argument, (wheel.t, wheel.distance, wheel.gaps, wheel.uncounted))
+    is_read = compiled.tach_interval(t, distance, gaps, uncounted, numbers, out)
     first, second, *_ = out.tolist()
     templates = motion.context.tach_factors
-    families = (templates.rolled.measured(out[None, 2:3], response=out[None, 3:]),)
+    families: tuple[Family, ...] = (templates.rolled.measured(out[None, 2:3], response=out[None, 3:]),)
     if is_read:
         count, rate = out[1:2, None], motion.rolling[None, 3:]
         since = motion.t[1:, None] - motion.context.clock_origin

@@ -12,6 +12,7 @@ when the window is extended, that keyframe's marginal prior is expressed by the 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -103,7 +104,7 @@ class Window:
         bias = np.concatenate([self.states.bias[:-1], *(interval.bias[None] for interval in intervals)])
         states = self.states.joined(*(interval.predicted for interval in intervals))
         return Window(
-            np.append(self.t, [interval.t for interval in intervals]),
+            np.concatenate([self.t, [interval.t for interval in intervals]]),
             replace(states, bias=np.concatenate([bias, states.bias[-1:]])),
             (*self.measured, *(interval.measured for interval in intervals)),
             np.concatenate([*responses, np.zeros_like(self.response[:1])]),
@@ -142,7 +143,7 @@ class Window:
 
         Raises ``ValueError`` where the step is not finite.
         """
-        if not np.isfinite(root.length):
+        if not math.isfinite(root.length):
             raise ValueError("the step is not finite")
         return replace(self, states=self.states.moved(root.solution()))
 

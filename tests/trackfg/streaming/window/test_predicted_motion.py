@@ -120,8 +120,8 @@ def test_the_kernel_refuses_arrays_that_do_not_belong_together() -> None:
     given = (data.edges, data.gyro, data.accel, data.bridged)
     for layout, setting, refused in (((5, 3, 0, 3, 3, 1), 45, "the interval"), ((0, 3, 0, 3, 3, 1), 9, "settings")):
         with pytest.raises(ValueError, match=f"do not belong together: {refused}"):
-            compiled.predict_interval(*given, layout, np.zeros(setting), np.zeros(11), newest(1.0).arrays, ())
+            compiled.predict_interval(*given, layout, 0.01, np.zeros(setting), np.zeros(11), newest(1.0).arrays, ())
     with pytest.raises(ValueError, match="do not belong together: results"):
         compiled.predict_interval(
-            *given, (0, 3, 0, 3, 3, 1), np.zeros(44), np.zeros(11), newest(1.0).arrays, (np.zeros(9),)
+            *given, (0, 3, 0, 3, 3, 1), 0.01, np.zeros(43), np.zeros(11), newest(1.0).arrays, (np.zeros(9),)
         )
