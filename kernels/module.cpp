@@ -30,10 +30,12 @@ static PyMethodDef methods[] = {
     {"quantity_variances", quantity_variances, METH_VARARGS, "Compute the variances of what a trajectory tells."},
     {"trajectory_rows", trajectory_rows, METH_VARARGS, "Compute rows of a trajectory with their sigmas."},
     {"spread", spread, METH_VARARGS, "Compute the variances of predicted residuals."},
+    {"dense_motion", dense_motion, METH_VARARGS, "Follow the motion between keyframes."},
     {"hermite_at", hermite_at, METH_VARARGS, "Evaluate cubics."},
     {"add_weighted_rows", add_weighted_rows, METH_VARARGS, "Add weighted sums of rows."},
     {"add_up_rows", add_up_rows, METH_VARARGS, "Make running sums of rows."},
     {"switch_chain", switch_chain, METH_VARARGS, "Find the states of a chain of switches."},
+    {"median_step", median_step, METH_VARARGS, "Find the median step of numbers."},
     {"cauchy_fit", cauchy_fit, METH_VARARGS, "Fit coefficients by robust least squares."},
     {"spill", spill, METH_VARARGS, "Lay large arrays beyond a budget into a file."},
     {"unspill", unspill, METH_VARARGS, "Leave arrays to another handler of memory again."},
@@ -47,7 +49,7 @@ static PyModuleDef definition = {
 PyMODINIT_FUNC PyInit_compiled() {
     PyObject *module = PyModule_Create(&definition);
     // Raised by one whenever a function's arguments change, so that a build of older sources is not called.
-    if (module != nullptr && (PyModule_AddIntConstant(module, "REVISION", 25) != 0 ||
+    if (module != nullptr && (PyModule_AddIntConstant(module, "REVISION", 26) != 0 ||
                               PyModule_AddIntConstant(module, "DELTA_SIZE", DELTA_SIZE) != 0)) {
         Py_DECREF(module);
         return nullptr;

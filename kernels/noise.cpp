@@ -187,17 +187,16 @@ class Record {
     std::ptrdiff_t shocks(std::int64_t *rows, double *change) const {
         std::vector<Deviation> usual(blocks_ * AXES);
         for (std::ptrdiff_t j = 0; j < blocks_; ++j)
-            for (int axis = 0; axis < AXES; ++axis) usual[j * AXES + axis] = deviation(j, AXES + axis, true);
+            for (int axis = 0; axis < AXES; ++axis) usual[j * AXES + axis] = range_of_usual(j, AXES + axis);
         const auto pause = static_cast<std::ptrdiff_t>(std::nearbyint(limits_.pause_s / dt_));
         std::vector<std::uint8_t> beyond(count_ * AXES);
         std::vector<Span> spans;
         for (std::ptrdiff_t i = 0; i < count_; ++i) {
+            const Deviation *of_block = &usual[block_of(i) * AXES];
             bool any = false;
             for (int axis = 0; axis < AXES; ++axis) {
-                const Deviation &of = usual[block_of(i) * AXES + axis];
-                const double limit =
-                    std::max(limits_.shock_spread * of.spread, limits_.fine_steps * step_[AXES + axis]);
-                const bool out = std::abs(at(i, AXES + axis) - of.centre) > limit;
+                const double limit = std::max(of_block[axis].spread, limits_.fine_steps * step_[AXES + axis]);
+                const bool out = std::abs(at(i, AXES + axis) - of_block[axis].centre) > limit;
                 beyond[i * AXES + axis] = out;
                 any = any || out;
             }
@@ -278,6 +277,18 @@ class Record {
         const double centre = median(values);
         for (double &value : values) value = std::abs(value - centre);
         return {centre, usual ? median(values) : *std::max_element(values.begin(), values.end())};
+    }
+
+    // The median of a block, and how far from it samples are usual; any are where more than half are so far that none is
+    // further than this from it.
+    Deviation range_of_usual(std::ptrdiff_t block, int channel) const {
+        const Deviation all = deviation(block, channel, false);
+        const double far = all.spread / limits_.shock_spread;
+        std::ptrdiff_t further = 0;
+        for (std::ptrdiff_t i = 0; i < length_; ++i)
+            further += std::abs(at(starts_[block] + i, channel) - all.centre) >= far;
+        if (2 * further > length_) return {all.centre, HUGE_VAL};
+        return {all.centre, limits_.shock_spread * deviation(block, channel, true).spread};
     }
 
     double rounding(std::ptrdiff_t block, int channel) const {

@@ -1,4 +1,4 @@
-// Least squares with Cauchy's weights: cauchy_fit of trackfg.numerics.robust.
+// Robust estimates: cauchy_fit of trackfg.numerics.robust, and the usual step of times.
 #include <algorithm>
 #include <cmath>
 #include <limits>
@@ -150,4 +150,16 @@ PyObject *cauchy_fit(PyObject *, PyObject *arguments) {
     }
     Py_END_ALLOW_THREADS;
     return PyBool_FromLong(done);
+}
+
+// median_step(values (n + 1)): the median of the differences of neighbours, of which there is one or more.
+PyObject *median_step(PyObject *, PyObject *arguments) {
+    PyObject *py;
+    if (!PyArg_ParseTuple(arguments, "O", &py)) return nullptr;
+    const Doubles values(py, 1);
+    if (!values.ok()) return nullptr;
+    if (values.size(0) < 2) return refused("values");
+    std::vector<double> steps(values.size(0) - 1);
+    for (std::size_t i = 0; i < steps.size(); ++i) steps[i] = values.data()[i + 1] - values.data()[i];
+    return PyFloat_FromDouble(median(steps));
 }

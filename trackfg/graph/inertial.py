@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 
 from trackfg.factors.bias import RECTIFICATION, bias_walk, response_terms
-from trackfg.factors.family import Family
+from trackfg.factors.family import Family, row_norms
 from trackfg.factors.gravity import gravity_tilt
 from trackfg.factors.imu import Preintegration, PreintegrationNoise
 from trackfg.factors.states import Nav, States
@@ -77,7 +77,7 @@ def preintegrated(inputs: GraphInputs, states: States, speedless: bool) -> tuple
 
 def increment_s(velocity: Array) -> Array:
     """Return the longest duration of an increment at velocities (n, 3), m/s. Shape (n,), s."""
-    speed = np.linalg.norm(velocity, axis=1)
+    speed = row_norms(velocity)
     return np.asarray(np.minimum(_INCREMENT_S, _INCREMENT_M / np.maximum(speed, 1e-9)))
 
 

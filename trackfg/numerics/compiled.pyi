@@ -70,6 +70,7 @@ def predict_interval(
     results: tuple[Array, ...],
     /,
 ) -> None: ...
+def median_step(values: Array, /) -> float: ...
 def cauchy_fit(
     rows: Array,
     right: Array,
@@ -220,6 +221,17 @@ def spread(
     of_shared: Array,
     cross: Array,
     out: Array,
+    /,
+) -> None: ...
+def dense_motion(
+    edges: Array,
+    gyro: Array,
+    accel: Array,
+    starts: np.ndarray,
+    first: np.ndarray,
+    setting: Array,
+    keyframes: tuple[Array, ...],
+    rows: tuple[Array, ...],
     /,
 ) -> None: ...
 def hermite_at(t: Array, times: Array, places: Array, velocities: Array, out: Array, /) -> None: ...

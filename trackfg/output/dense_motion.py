@@ -17,8 +17,9 @@ from trackfg.factors.motion import mount_matrix
 from trackfg.factors.states import Nav, States
 from trackfg.graph.run_context import RunContext
 from trackfg.numerics.arrays import Array
-from trackfg.numerics.geodesy import transport_rate
+from trackfg.numerics.geodesy import EARTH_RADIUS, transport_rate
 from trackfg.numerics.hermite import hermite_rates, hermite_weights
+from trackfg.numerics.kernels import compiled_kernels, kernel_argument
 from trackfg.numerics.rotations import (
     cross,
     matrix_from_quaternion,
@@ -97,8 +98,9 @@ def _parts(run: RunContext, states: States, starts: np.ndarray, first: np.ndarra
     """Yield the rows of some intervals at a time, and that of the last keyframe."""
     bias = states.bias[:, 3:].mean(axis=0)
     n = len(run.t) - 1
+    between = _between_by_kernel if compiled_kernels() else _between
     for k in range(0, n, _CHUNK):
-        part = _between(run, states, slice(k, min(k + _CHUNK, n)), starts, first, bias)
+        part = between(run, states, slice(k, min(k + _CHUNK, n)), starts, first, bias)
         yield part
     t, nav, distance = run.t[n:], states.nav[n:], states.odo.distance[n:]
     last = part.gyro[-1:], part.gyro_span[-1:]
@@ -163,6 +165,37 @@ def _between(
     ahead = R @ forward, end.R @ forward
     p, v, along = _path(rows, start, end, ahead, push, fall, distance)
     return DenseMotion(t, Nav(R, p, v), along, rate, increments.duration, i + intervals.start, rows.f, forward)
+
+
+def _between_by_kernel(
+    run: RunContext, states: States, intervals: slice, starts: np.ndarray, first: np.ndarray, gyro_bias: Array
+) -> DenseMotion:
+    """Do as :func:`_between`, in ``kernels/dense.cpp``."""
+    from trackfg.numerics import compiled
+
+    ends = slice(intervals.start, intervals.stop + 1)
+    rows_of = first[ends] - first[intervals.start]
+    starts = starts[first[intervals.start] : first[intervals.stop] + 1]
+    data = run.inertial.take(slice(int(starts[0]), int(starts[-1])))  # what is not laid out by rows is copied
+    edges, gyro, accel = map(kernel_argument, (data.edges, data.gyro, data.accel))
+    nav, forward = states.nav[ends], mount_matrix(states.mount)[0, :, 0]
+    keyframes = (run.t[ends], nav.R, nav.p, nav.v, states.odo.distance[ends], states.bias[ends])
+    setting = np.concatenate([[run.world.gravity, EARTH_RADIUS], run.world.earth_rate, gyro_bias, forward])
+    m = len(starts) - 1
+    t, distance, span, fraction = (np.empty(m) for _ in range(4))
+    R, p, v, rate = np.empty((m, 3, 3)), np.empty((m, 3)), np.empty((m, 3)), np.empty((m, 3))
+    compiled.dense_motion(
+        edges,
+        gyro,
+        accel,
+        (starts - starts[0]).astype(np.int64),
+        rows_of.astype(np.int64),
+        setting,
+        tuple(map(kernel_argument, keyframes)),
+        (t, R, p, v, distance, rate, span, fraction),
+    )
+    keyframe = np.arange(intervals.start, intervals.stop).repeat(np.diff(rows_of))
+    return DenseMotion(t, Nav(R, p, v), distance, rate, span, keyframe, fraction, forward)
 
 
 def _attitude(rows: _Rows, start: Nav, end: Nav, rate: Array, turning: Array) -> Array:

@@ -28,6 +28,8 @@ from trackfg.graph.run_context import RunContext
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.blas_threads import ThreadBeside
 from trackfg.output.profile_samples import PointErrors, PosteriorErrors, Shifts
+from trackfg.numerics.float_table import float_table
+from trackfg.output.profile_samples import PlaceErrors, PointErrors, PosteriorErrors
 from trackfg.output.profiles import Profile, Shapes, View
 from trackfg.output.trajectory import keyframe_variances
 from trackfg.results.columns import GEOMETRY_COLUMNS, RAIL_COLUMNS
@@ -88,8 +90,12 @@ def geometry_table(
         free = ~np.isin(profile.cell, taken)
         if free.any():
             columns = _Columns(run, profile, errors, variance).all()
-            tables.append(pd.DataFrame(columns, columns=names)[free])
+            unknown = np.full(len(profile), np.nan)
+            table = float_table({name: columns.get(name, unknown) for name in names})
+            tables.append(table if free.all() else table[free])
             taken = np.concatenate([taken, profile.cell[free]])
+    if len(tables) == 1:
+        return tables[0]  # one pass ascends, and no row of it is left out
     return pd.concat(tables, ignore_index=True).sort_values("chainage_m", ignore_index=True)
 
 

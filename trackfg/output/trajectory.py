@@ -11,6 +11,7 @@ from trackfg.factors.motion import mount_axes, mount_matrix, tracking_point
 from trackfg.factors.states import KEYFRAME_DIM, SHARED_DIM, Kind, Odo, States, offset_in_keyframe
 from trackfg.graph.run_context import RunContext
 from trackfg.numerics.arrays import Array
+from trackfg.numerics.float_table import float_table
 from trackfg.numerics.kernels import compiled_kernels, kernel_argument
 from trackfg.numerics.rotations import cross, euler_rates, rpy_from_matrix, skew
 from trackfg.output.dense_motion import DenseMotion
@@ -30,7 +31,7 @@ _POINT = slice(KEYFRAME_DIM + _SHARED_POINT.start, KEYFRAME_DIM + _SHARED_POINT.
 
 def trajectory_table(run: RunContext, motion: DenseMotion, states: States, covariance: Covariance) -> pd.DataFrame:
     """Return the table of :func:`trajectory_columns`."""
-    return pd.DataFrame(trajectory_columns(run, motion, states, covariance))
+    return float_table(trajectory_columns(run, motion, states, covariance))
 
 
 def trajectory_columns(

@@ -56,6 +56,10 @@ class Intervals(Outlined):
     @cached_property
     def usual_duration(self) -> float:
         """Median length of the intervals, s."""
+        if compiled_kernels():
+            from trackfg.numerics import compiled
+
+            return compiled.median_step(kernel_argument(self.edges))
         return median(self.durations)
 
     def gaps(self) -> Array:

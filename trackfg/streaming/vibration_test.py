@@ -36,8 +36,8 @@ class VibrationTest:
             joined = (np.concatenate(both)[-_MOST_BLOCKS:] for both in zip(self.blocks, new, strict=True))
             self.blocks = Blocks(*joined)
         for i, column in enumerate(COLUMNS.values()):
-            sigmas = geometry[f"{column}_sd"].dropna().to_numpy()
-            self.sums[i] += [sigmas.size, np.sum(sigmas**2)]
+            squares = geometry[f"{column}_sd"].to_numpy() ** 2
+            self.sums[i] += [np.count_nonzero(~np.isnan(squares)), np.nansum(squares)]
 
     def events(self, until_s: float, conventions: GeometryConventions) -> tuple[Event, ...]:
         """Return an event for each quantity of the track that vibration hides, known at the end of a stream."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -53,6 +54,34 @@ def test_arrives_at_every_keyframe_without_a_jump(noisy: SmoothedStates, noisy_m
     np.testing.assert_allclose(before.nav.v, states.nav.v[1:], atol=1e-4)
     np.testing.assert_allclose(before.nav.R, states.nav.R[1:], atol=1e-6)
     np.testing.assert_allclose(before.distance, states.odo.distance[1:], atol=1e-4)
+
+
+@pytest.mark.parametrize("step_s", [STEP_S, 0.001, 0.3])
+def test_the_kernel_moves_as_numpy_does(
+    noisy: SmoothedStates,
+    step_s: float,
+    with_both: Callable[[Callable[[], DenseMotion]], tuple[DenseMotion, DenseMotion]],
+) -> None:
+    """Where the Earth turns, and in rows of a sample, of a few and of many."""
+    world = World(9.81, np.array([1e-5, 4e-5, 6e-5]), 0.0)
+    run = replace(noisy.problem.run, world=world)
+    ours, theirs = with_both(lambda: dense_motion(run, noisy.solution.states, step_s))
+    for name in ("t", "distance", "gyro", "gyro_span", "keyframe", "fraction", "forward"):
+        np.testing.assert_allclose(getattr(ours, name), getattr(theirs, name), rtol=1e-12, atol=1e-9)
+    for name in ("R", "p", "v"):
+        np.testing.assert_allclose(getattr(ours.nav, name), getattr(theirs.nav, name), rtol=1e-12, atol=1e-9)
+
+
+def test_the_kernel_refuses_rows_that_do_not_belong_to_intervals() -> None:
+    compiled = pytest.importorskip("trackfg.numerics.compiled")
+    keyframes = tuple(np.zeros((2, *shape)) for shape in ((), (3, 3), (3,), (3,), (), (6,)))
+    rows = tuple(np.zeros((3, *shape)) for shape in ((), (3, 3), (3,), (3,), (), (3,), (), ()))
+    samples = np.arange(5.0), np.zeros((4, 3)), np.zeros((4, 3))
+    starts = np.array([0, 1, 2, 3])
+    with pytest.raises(ValueError, match="do not belong together: intervals"):
+        compiled.dense_motion(*samples, starts, np.array([0, 2]), np.zeros(11), keyframes, rows)
+    with pytest.raises(ValueError, match="do not belong together: settings"):
+        compiled.dense_motion(*samples, starts, np.array([0, 3]), np.zeros(10), keyframes, rows)
 
 
 def test_body_rate_is_the_samples_less_the_bias(noisy: SmoothedStates) -> None:

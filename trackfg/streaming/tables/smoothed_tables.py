@@ -195,8 +195,9 @@ class SmoothedTables:
         """Return the rows of the geometry that are due up to ``until``, s, in order of passing."""
         rows = _PassedRows.joined([self._passed(smoothed.t, profile, until) for profile in shapes])
         step_m = smoothed.run.conventions.step_m
-        row = pd.Series(np.arange(len(geometry)), index=cells_of(geometry, step_m))
-        return geometry.iloc[row[rows.cell]].reset_index(drop=True), rows
+        table = geometry.iloc[np.searchsorted(cells_of(geometry, step_m), rows.cell)]
+        table.index = pd.RangeIndex(len(table))
+        return table, rows
 
     def _moved(self, t: Array, states: States, cell_m: float) -> int:
         """Return by how many steps of chainage places have moved since the last piece.

@@ -15,6 +15,7 @@ each time: its work on one window is bounded, and a window that needs more is lo
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
@@ -198,7 +199,7 @@ class RunningWindow:
 
         ``spacing``: how many times further apart keyframes are than the settings say.
         """
-        config, speed = self.context.config.keyframes, float(np.linalg.norm(self.newest.states.nav.v[0]))
+        config, speed = self.context.config.keyframes, math.hypot(*self.newest.states.nav.v[0].tolist())
         return self.buffer.keyframe_after(
             float(self.newest.t[0]), spacing / max(1.0 / config.interval_s, speed / config.distance_m)
         )
