@@ -188,9 +188,9 @@ def rebased_to_interval_bias(family: Family, response: Array) -> Family:
     """
     bias, imu = (family.data[kind.attribute] for kind in (Kind.BIAS, Kind.IMU))
     at_bias, at_imu = (offset_in_keyframe(kind) for kind in (Kind.BIAS, Kind.IMU))
-    A = family.data["A"].copy()
-    A[:, :, at_imu : at_imu + Kind.IMU.dim] -= A[:, :, at_bias : at_bias + Kind.BIAS.dim] @ response
-    return family.with_data(A=A, bias=bias + imu @ response.T)
+    A = family.data["A"][0].copy()
+    A[:, at_imu : at_imu + Kind.IMU.dim] -= A[:, at_bias : at_bias + Kind.BIAS.dim] @ response
+    return family.with_data(A=A[None], bias=bias + imu @ response.T)
 
 
 def with_distance_shifted(family: Family, by_m: float, sd_m: float) -> Family:

@@ -88,8 +88,13 @@ def own_bias_walk(inputs: GraphInputs) -> Family:
 
 def walk_of(t: Array, response: Array, noise: ImuNoise) -> Family:
     """Return the walk between keyframes at ``t`` (n,) with their responses to the calibration (n, 6, dim)."""
-    density = np.repeat([noise.accel_bias_walk, noise.gyro_bias_walk], 3)
-    return bias_walk(np.arange(len(t) - 1), np.diff(response, axis=0), np.sqrt(np.diff(t))[:, None] * density)
+    return bias_walk(np.arange(len(t) - 1), np.diff(response, axis=0), walk_sigma(t, noise))
+
+
+def walk_sigma(t: Array, noise: ImuNoise) -> Array:
+    """Return by how much the biases walk between neighbouring times ``t`` (n,), s, shape (n - 1, 6)."""
+    density = np.array([noise.accel_bias_walk] * 3 + [noise.gyro_bias_walk] * 3)
+    return np.asarray(np.sqrt(t[1:] - t[:-1])[:, None] * density)
 
 
 def response_of_motion(nav: Nav, t: Array, gravity: float, response: Array, *, on_springs: bool) -> Array:

@@ -200,7 +200,10 @@ def silences(t: Array, distance: Array, quantum: float, longest_s: float) -> Arr
     """Spans without rows, longer than ``longest_s``, over which the wheel rolled, s, shape (g, 2). How far it had
     rolled within one is not read off a straight line: at 1 m/s^2 that would be 0.5 m off in the middle of 2 s.
     """
-    silent = (np.diff(t) > longest_s) & (np.abs(np.diff(distance)) > 1.5 * quantum)
+    silent = t[1:] - t[:-1] > longest_s
+    if not silent.any():
+        return np.zeros((0, 2))
+    silent &= np.abs(np.diff(distance)) > 1.5 * quantum
     return np.stack([t[:-1][silent], t[1:][silent]], axis=1)
 
 

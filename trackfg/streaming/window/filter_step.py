@@ -10,16 +10,15 @@ the next keyframe, because their robust weights depend on it, and are then expre
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 
 from trackfg.factors.marginal_prior import marginal_prior
 from trackfg.factors.states import KEYFRAME_DIM, SHARED_DIM, Kind, offset_in_keyframe
-from trackfg.graph.inertial import walk_of
+from trackfg.graph.inertial import walk_sigma
 from trackfg.numerics.arrays import Array
-from trackfg.recording.description import ImuNoise
 from trackfg.solver.elimination import compressed, eliminate_pair
 from trackfg.solver.pair_rows import linearised_pair
 from trackfg.solver.square_root import SquareRoot
@@ -49,10 +48,11 @@ class PredictedPair:
     triangle: Array
 
     @classmethod
-    def of(cls, newest: Window, prediction: Prediction, noise: ImuNoise) -> PredictedPair:
+    def of(cls, newest: Window, prediction: Prediction) -> PredictedPair:
         """Linearise the prediction from the newest keyframe, a window of one."""
-        pair = newest.extended(prediction.interval)
-        pair = pair.with_families(walk_of(pair.t, pair.response, noise))
+        pair, context = newest.extended(prediction.interval), prediction.motion.context
+        change, sigma = pair.response[1:] - pair.response[:1], walk_sigma(pair.t, context.description.imu.noise)
+        pair = replace(pair, families=(*pair.families, context.motion_factors.walk.measured(sigma, change=change)))
         inertial = (family for family in pair.families if family.type not in OTHER_ROWS)
         return cls(prediction, pair, compressed(linearised_pair(pair.states, inertial, pair.inertial)))
 

@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from trackfg.config import SmoothConfig
+from trackfg.factors.bias import bias_walk
 from trackfg.factors.factor_type import FactorType
 from trackfg.factors.family import Family
 from trackfg.factors.loss import Huber, SwitchChain
@@ -39,12 +40,15 @@ def _on_later_keyframe(family: Family) -> Family:
 
 
 class MotionFactors(NamedTuple):
-    """The families of the motion along the track, of one interval, with numbers that stand in."""
+    """The families of the motion along the track, of one interval, and of the walk of the biases, with numbers that
+    stand in.
+    """
 
     chain: Family
     arc: Family
     path: Family
     sideways: Family
+    walk: Family
 
     @classmethod
     def of(cls, description: RecordingDescription, config: SmoothConfig) -> MotionFactors:
@@ -56,12 +60,13 @@ class MotionFactors(NamedTuple):
             arc_length(first, arm, one),
             follows_path(first, turn, turn, turn, arm, two, huber),
             non_holonomic(first + 1, np.zeros((1, 3)), arm, two, huber),
+            bias_walk(first, np.zeros((1, Kind.BIAS.dim, Kind.IMU.dim)), np.ones((1, Kind.BIAS.dim))),
         )
 
     def measured(
         self, sigmas: Array, turned: Turning, ahead: Array, rate: Array, *, follows_path: bool
     ) -> tuple[Family, ...]:
-        """Return the families with the numbers of an interval: ``sigmas`` (1, 7) in their order, how the body turned
+        """Return the first four with the numbers of an interval: ``sigmas`` (1, 7) in their order, how the body turned
         and how far it was ``ahead`` of a steady turn (1, 3), and its ``rate`` (1, 3) at the end, rad/s; without the
         path where the sensor does not follow it.
         """

@@ -296,9 +296,7 @@ class RunningWindow:
             prediction = prediction.with_walking_scale(walk)
             bridged = bool(data.bridged[edges[0]])
             weighed = self.noise.weigh_next(prediction.interval, bridged=bridged)
-            self.predicted = PredictedPair.of(
-                self.newest, prediction._replace(interval=weighed), self.context.description.imu.noise
-            )
+            self.predicted = PredictedPair.of(self.newest, prediction._replace(interval=weighed))
         return self.predicted
 
     def _bridged(self, t: Array) -> np.ndarray:

@@ -40,7 +40,7 @@ class StreamContext:
 
     @cached_property
     def motion_factors(self) -> MotionFactors:
-        """The families of the motion along the track over an interval, without its numbers."""
+        """The families of the motion over an interval, without its numbers."""
         return MotionFactors.of(self.description, self.config)
 
     @cached_property
