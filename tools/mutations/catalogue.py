@@ -105,8 +105,8 @@ _FACTORS = (
             _one("yaw is not wrapped", "2.0 * np.pi * np.round(", "0.0 * np.pi * np.round("),
             _one(
                 "the calibration's part in the bias has the other sign",
-                "-= A[:, :, at_bias",
-                "+= A[:, :, at_bias",
+                "-= A[:, at_bias",
+                "+= A[:, at_bias",
                 ("bias=bias + imu @", "bias=bias - imu @"),
             ),
             _one("velocities are not compared in the vehicle's own axes", "- cross(velocity, turn)", "- 0.0 * turn"),
@@ -292,7 +292,7 @@ _GRAPH = (
                 "earth + transport_rate(velocity)",
                 "earth + 0.0 * transport_rate(velocity)",
             ),
-            _one("biases walk in proportion to time", "np.sqrt(np.diff(t))", "(np.diff(t))"),
+            _one("biases walk in proportion to time", "np.sqrt(t[1:] - t[:-1])", "(np.diff(t))"),
         ),
     ),
     Part(
