@@ -101,7 +101,7 @@ void respond(const double *force, const double *rate, const double *power, const
 // and the frame's rate (4); delta; state at the end (15); distance, speeds at the first and last edge, how far
 // the vehicle moves and turns, the mean forward force in g, and the speed at the end (7); distance
 // rolled at the edges (n + 1); turns (3, 3, 3); body rates (2, 3); how far these are ahead of a steady turn (3); sigmas of
-// the distance chain (2), the arc length, the path (2) and the sideways velocity (2).
+// the distance chain (2), the arc length, the path (2) and the sideways velocity (2), and of this the speed and the growth (2).
 PyObject *predict_interval(PyObject *, PyObject *arguments) {
     PyObject *py[8];
     Py_ssize_t begin, end, length, fast, lasting, group;
@@ -127,7 +127,7 @@ PyObject *predict_interval(PyObject *, PyObject *arguments) {
     const Values values(arrays);
     if (!values.ok || !values.of_one_run() || values.count[OF_NAV] != 1) return refused("states");
     const std::ptrdiff_t m = (end - begin + group - 1) / group;
-    const std::ptrdiff_t sizes[] = {9, BIAS * IMU, 2 * BIAS, 7 * m, 4, DELTA_SIZE, 15, 7, n + 1, 27, 6, 3, 7};
+    const std::ptrdiff_t sizes[] = {9, BIAS * IMU, 2 * BIAS, 7 * m, 4, DELTA_SIZE, 15, 7, n + 1, 27, 6, 3, 10};
     constexpr std::ptrdiff_t RESULTS = std::size(sizes);
     const Arrays results(py[7], true);
     if (!results.ok()) return nullptr;
@@ -209,7 +209,11 @@ PyObject *predict_interval(PyObject *, PyObject *arguments) {
     sigmas[1] = setting.scale_walk * std::sqrt(way + setting.rolled_at_rest);
     sigmas[2] = setting.arc_sd + setting.arc_relative * way;
     for (int i = 0; i < 2; ++i) sigmas[3 + i] = std::hypot(of_path, noise[2 - i] * bridge);  // about z, then about y
-    sigmas[5] = (setting.lateral_sd + by_speed) * setting.motion_level;
-    sigmas[6] = (setting.vertical_sd + by_speed) * setting.motion_level;
+    const double declared[2] = {setting.lateral_sd + by_speed, setting.vertical_sd + by_speed};
+    sigmas[7] = std::abs(motion[6]);
+    for (int i = 0; i < 2; ++i) {
+        sigmas[5 + i] = declared[i] * setting.motion_level;
+        sigmas[8 + i] = setting.per_speed / declared[i];
+    }
     Py_RETURN_NONE;
 }

@@ -27,9 +27,8 @@ from trackfg.geometry.versines import versine
 from trackfg.graph.run_context import RunContext
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.blas_threads import ThreadBeside
-from trackfg.output.profile_samples import PointErrors, PosteriorErrors, Shifts
 from trackfg.numerics.float_table import float_table
-from trackfg.output.profile_samples import PlaceErrors, PointErrors, PosteriorErrors
+from trackfg.output.profile_samples import PointErrors, PosteriorErrors, Shifts
 from trackfg.output.profiles import Profile, Shapes, View
 from trackfg.output.trajectory import keyframe_variances
 from trackfg.results.columns import GEOMETRY_COLUMNS, RAIL_COLUMNS

@@ -79,7 +79,7 @@ def test_a_ratio_is_of_the_squares_to_the_redundancy() -> None:
     size, at = KEYFRAME_DIM + SHARED_DIM, offset_in_keyframe(Kind.NAV) + 3
     marginal = np.zeros((n, size, size))
     marginal[:, [at, at + 1, at + 2], [at, at + 1, at + 2]] = 0.5 * sigma**2
-    covariance = Covariance.of_marginals(marginal, np.zeros((n - 1, KEYFRAME_DIM, size)))
+    covariance = Covariance.of_marginals(marginal, np.zeros((n - 1, KEYFRAME_DIM, KEYFRAME_DIM)))
     bridged = np.ones(n - 1, dtype=bool)
     graph: Any = SimpleNamespace(families=(gnss,))
     assert ratios_of(group_residuals(graph, states, covariance, bridged)) == pytest.approx(
@@ -107,5 +107,5 @@ def test_the_kernel_refuses_factors_that_do_not_belong_together() -> None:
     with pytest.raises(ValueError, match="do not belong together: factors"):
         compiled.spread(
             *(np.zeros((1, 1, 4)), first, first, columns, later),
-            *(np.zeros((2, 19, 61)), np.zeros((42, 42)), np.zeros((1, 19, 61)), np.zeros((1, 1))),
+            *(np.zeros((2, 19, 61)), np.zeros((42, 42)), np.zeros((1, 19, 19)), np.zeros((1, 1))),
         )

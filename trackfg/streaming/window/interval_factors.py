@@ -59,16 +59,16 @@ class MotionFactors(NamedTuple):
             distance_chain(first, two),
             arc_length(first, arm, one),
             follows_path(first, turn, turn, turn, arm, two, huber),
-            non_holonomic(first + 1, np.zeros((1, 3)), arm, two, huber),
+            non_holonomic(first + 1, np.zeros((1, 3)), arm, np.ones(1), two, two, huber),
             bias_walk(first, np.zeros((1, Kind.BIAS.dim, Kind.IMU.dim)), np.ones((1, Kind.BIAS.dim))),
         )
 
     def measured(
         self, sigmas: Array, turned: Turning, ahead: Array, rate: Array, *, follows_path: bool
     ) -> tuple[Family, ...]:
-        """Return the first four with the numbers of an interval: ``sigmas`` (1, 7) in their order, how the body turned
-        and how far it was ``ahead`` of a steady turn (1, 3), and its ``rate`` (1, 3) at the end, rad/s; without the
-        path where the sensor does not follow it.
+        """Return the first four with the numbers of an interval: ``sigmas`` (1, 10) in their order, the last one's with
+        the speed that it is of and its growth; how the body turned and how far it was ``ahead`` of a steady turn
+        (1, 3), and its ``rate`` (1, 3) at the end, rad/s; without the path where the sensor does not follow it.
         """
         turns = {"turn": turned.turn, "mean": turned.mean, "mean_by_time": turned.mean_by_time, "ahead": ahead}
         path = (self.path.measured(sigmas[:, 3:5], **turns),) if follows_path else ()
@@ -76,7 +76,7 @@ class MotionFactors(NamedTuple):
             self.chain.measured(sigmas[:, :2]),
             self.arc.measured(sigmas[:, 2:3]),
             *path,
-            self.sideways.measured(sigmas[:, 5:], angular_rate=rate),
+            self.sideways.measured(sigmas[:, 5:7], angular_rate=rate, speed=sigmas[:, 7], growth=sigmas[:, 8:]),
         )
 
 

@@ -121,7 +121,7 @@ def _by_kernel(
     means, response, noise = np.empty((3, 3)), np.empty((6, Kind.IMU.dim)), np.empty((2, 6))
     increments, frame, delta, state = np.empty(7 * count), np.empty(4), np.empty(compiled.DELTA_SIZE), np.empty(15)
     motion, rolled, turns, rates = np.empty(7), np.empty(len(data.edges)), np.empty((3, 1, 3, 3)), np.empty((2, 3))
-    ahead, sigmas = np.empty((1, 3)), np.empty((1, 7))
+    ahead, sigmas = np.empty((1, 3)), np.empty((1, 10))
     results = (means, response, noise, increments, frame, delta, state, motion, rolled, turns, rates, ahead, sigmas)
     compiled.predict_interval(
         *(t, gyro, accel, np.ascontiguousarray(data.bridged)),
