@@ -9,9 +9,10 @@ namespace {
 // The conditionals R_k x_k + S_k y_k, with y_k = (x_{k+1}, s, navigation states of k + 2 and so on).
 class Conditionals {
   public:
+    // `before`: how many navigation states the keyframe before the first has ahead.
     Conditionals(PyObject *R, PyObject *S, PyObject *beyond, PyObject *ahead, std::ptrdiff_t nav_start,
-                 std::ptrdiff_t nav)
-        : R_(R, 3), S_(S, 3), beyond_(beyond, 2), ahead_(ahead, 1), nav_start_(nav_start), nav_(nav) {}
+                 std::ptrdiff_t nav, std::ptrdiff_t before = 0)
+        : R_(R, 3), S_(S, 3), beyond_(beyond, 2), ahead_(ahead, 1), nav_start_(nav_start), nav_(nav), before_(before) {}
 
     bool ok() const { return R_.ok() && S_.ok() && beyond_.ok() && ahead_.ok(); }
 
@@ -19,8 +20,10 @@ class Conditionals {
     bool fits() {
         const std::ptrdiff_t K = R_.size(1);
         if (n() < 1 || K < 1 || R_.size(2) != K || S_.size(0) != n() || S_.size(1) != K || S_.size(2) < K ||
-            beyond_.size(1) != K || ahead_.size(0) != n() || nav_start_ < 0 || nav_ < 1 || nav_ > K - nav_start_)
+            beyond_.size(1) != K || ahead_.size(0) != n() || nav_start_ < 0 || nav_ < 1 || nav_ > K - nav_start_ ||
+            before_ < 0 || before_ > reach(0) + 1)
             return false;
+        widest_ = width(-1);
         const std::ptrdiff_t most = beyond_.size(0) / nav_;
         begins_.assign(1, 0);
         for (std::ptrdiff_t k = 0; k < n(); ++k) {
@@ -36,7 +39,7 @@ class Conditionals {
     std::ptrdiff_t dim() const { return R_.size(1); }
     std::ptrdiff_t size() const { return S_.size(2); }      // of (x_k, s)
     std::ptrdiff_t widest() const { return widest_; }
-    std::ptrdiff_t reach(std::ptrdiff_t k) const { return k < 0 ? 0 : ahead_.data()[k]; }
+    std::ptrdiff_t reach(std::ptrdiff_t k) const { return k < 0 ? before_ : ahead_.data()[k]; }
     std::ptrdiff_t width(std::ptrdiff_t k) const { return size() + nav_ * reach(k); }  // of y_k
     const double *R(std::ptrdiff_t k) const { return R_.data() + k * dim() * dim(); }
 
@@ -59,7 +62,7 @@ class Conditionals {
   private:
     const Doubles R_, S_, beyond_;
     const Integers ahead_;
-    const std::ptrdiff_t nav_start_, nav_;
+    const std::ptrdiff_t nav_start_, nav_, before_;
     std::vector<std::ptrdiff_t> begins_;
     std::ptrdiff_t widest_ = 0;
 };
@@ -143,69 +146,72 @@ void transpose(const double *A, std::ptrdiff_t rows, std::ptrdiff_t columns, dou
 
 }  // namespace
 
-// Read the arguments of a substitution, R, S, beyond, ahead, (nav_start, nav_dim), shared (s, m) and x (n, K, m), and call
-// `substitute` with the conditionals and the arrays.
-template <typename Substitute>
-static PyObject *substituted(PyObject *arguments, bool writes_shared, Substitute substitute) {
+// back_substitute(R, S, beyond, ahead, (nav_start, nav_dim), shared, x): from x (n, K, m), right-hand sides, to the
+// solution of R_k x_k + S_k y_k = x_k, where s is `shared` (s, m).
+PyObject *back_substitute(PyObject *, PyObject *arguments) {
     PyObject *R, *S, *beyond, *ahead, *py_shared, *py_x;
     Py_ssize_t nav_start, nav;
     if (!PyArg_ParseTuple(arguments, "OOOO(nn)OO", &R, &S, &beyond, &ahead, &nav_start, &nav, &py_shared, &py_x))
         return nullptr;
     Conditionals own(R, S, beyond, ahead, nav_start, nav);
-    const Doubles shared(py_shared, 2, writes_shared), x(py_x, 3, true);
+    const Doubles shared(py_shared, 2), x(py_x, 3, true);
     if (!own.ok() || !shared.ok() || !x.ok()) return nullptr;
     if (!own.fits()) return refused("conditionals");
-    if (x.size(0) != own.n() || x.size(1) != own.dim() || shared.size(0) != own.size() - own.dim() ||
-        shared.size(1) != x.size(2))
+    const std::ptrdiff_t K = own.dim(), m = x.size(2);
+    if (x.size(0) != own.n() || x.size(1) != K || shared.size(0) != own.size() - K || shared.size(1) != m)
         return refused("right-hand sides");
     Py_BEGIN_ALLOW_THREADS;
-    substitute(own, shared, x);
+    std::vector<double> S_k(K * own.widest()), window(own.widest() * m), next(own.widest() * m);
+    std::memcpy(window.data() + K * m, shared.data(), (own.size() - K) * m * sizeof(double));
+    for (std::ptrdiff_t k = own.n() - 1; k >= 0; --k) {
+        double *x_k = x.data() + k * K * m;
+        own.minus_S(k, S_k.data());
+        add_product(S_k.data(), window.data(), x_k, K, own.width(k), m);
+        solve_triangle(own.R(k), x_k, K, m);
+        std::memcpy(next.data(), x_k, K * m * sizeof(double));
+        for (std::ptrdiff_t c = K; c < own.width(k - 1); ++c)
+            std::memcpy(next.data() + c * m, window.data() + own.kept(c) * m, m * sizeof(double));
+        window.swap(next);
+    }
     Py_END_ALLOW_THREADS;
     Py_RETURN_NONE;
 }
 
-// back_substitute(R, S, beyond, ahead, (nav_start, nav_dim), shared, x): from x (n, K, m), right-hand sides, to the
-// solution of R_k x_k + S_k y_k = x_k, where s is `shared` (s, m).
-PyObject *back_substitute(PyObject *, PyObject *arguments) {
-    return substituted(arguments, false, [](const Conditionals &own, const Doubles &shared, const Doubles &x) {
-        const std::ptrdiff_t K = own.dim(), m = x.size(2);
-        std::vector<double> S_k(K * own.widest()), window(own.widest() * m), next(own.widest() * m);
-        std::memcpy(window.data() + K * m, shared.data(), (own.size() - K) * m * sizeof(double));
-        for (std::ptrdiff_t k = own.n() - 1; k >= 0; --k) {
-            double *x_k = x.data() + k * K * m;
-            own.minus_S(k, S_k.data());
-            add_product(S_k.data(), window.data(), x_k, K, own.width(k), m);
-            solve_triangle(own.R(k), x_k, K, m);
-            std::memcpy(next.data(), x_k, K * m * sizeof(double));
-            for (std::ptrdiff_t c = K; c < own.width(k - 1); ++c)
-                std::memcpy(next.data() + c * m, window.data() + own.kept(c) * m, m * sizeof(double));
-            window.swap(next);
-        }
-    });
-}
-
-// forward_substitute(R, S, beyond, ahead, (nav_start, nav_dim), shared, x): from x (n, K, m), right-hand sides of the
-// transposed system, to its solution; shared (s, m) takes what is to be added to the right-hand sides of s.
+// forward_substitute(R, S, beyond, ahead, (nav_start, nav_dim), before, carried, x): from x (n, K, m), right-hand sides of
+// the transposed system of keyframes along a chain, to its solution. The first rows of carried (widest y, m) are what is
+// to be added to the right-hand sides of y_{-1}, of which the keyframe before the first, that has `before` navigation
+// states ahead, is a part; they take what is to be added to those of y_{n-1}.
 PyObject *forward_substitute(PyObject *, PyObject *arguments) {
-    return substituted(arguments, true, [](const Conditionals &own, const Doubles &shared, const Doubles &x) {
-        const std::ptrdiff_t K = own.dim(), m = x.size(2);
-        std::vector<double> S_k(K * own.widest()), transposed(K * own.widest());
-        std::vector<double> carried(own.widest() * m), next(own.widest() * m);
-        for (std::ptrdiff_t k = 0; k < own.n(); ++k) {
-            double *x_k = x.data() + k * K * m;
-            const std::ptrdiff_t p = own.width(k);
-            for (std::ptrdiff_t i = 0; i < K * m; ++i) x_k[i] += carried[i];
-            solve_transposed(own.R(k), x_k, K, m);
-            std::fill(next.begin(), next.begin() + p * m, 0.0);
-            for (std::ptrdiff_t c = K; c < own.width(k - 1); ++c)
-                std::memcpy(next.data() + own.kept(c) * m, carried.data() + c * m, m * sizeof(double));
-            own.minus_S(k, S_k.data());
-            transpose(S_k.data(), K, p, transposed.data());
-            add_product(transposed.data(), x_k, next.data(), p, K, m);
-            carried.swap(next);
-        }
-        std::memcpy(shared.data(), carried.data() + K * m, (own.size() - K) * m * sizeof(double));
-    });
+    PyObject *R, *S, *beyond, *ahead, *py_carried, *py_x;
+    Py_ssize_t nav_start, nav, before;
+    if (!PyArg_ParseTuple(arguments, "OOOO(nn)nOO", &R, &S, &beyond, &ahead, &nav_start, &nav, &before, &py_carried, &py_x))
+        return nullptr;
+    Conditionals own(R, S, beyond, ahead, nav_start, nav, before);
+    const Doubles given(py_carried, 2, true), x(py_x, 3, true);
+    if (!own.ok() || !given.ok() || !x.ok()) return nullptr;
+    if (!own.fits()) return refused("conditionals");
+    const std::ptrdiff_t K = own.dim(), m = x.size(2), n = own.n();
+    if (x.size(0) != n || x.size(1) != K || given.size(0) != own.widest() || given.size(1) != m)
+        return refused("right-hand sides");
+    Py_BEGIN_ALLOW_THREADS;
+    std::vector<double> S_k(K * own.widest()), transposed(K * own.widest()), next(own.widest() * m);
+    std::vector<double> carried(given.data(), given.data() + own.widest() * m);
+    for (std::ptrdiff_t k = 0; k < n; ++k) {
+        double *x_k = x.data() + k * K * m;
+        const std::ptrdiff_t p = own.width(k);
+        for (std::ptrdiff_t i = 0; i < K * m; ++i) x_k[i] += carried[i];
+        solve_transposed(own.R(k), x_k, K, m);
+        std::fill(next.begin(), next.begin() + p * m, 0.0);
+        for (std::ptrdiff_t c = K; c < own.width(k - 1); ++c)
+            std::memcpy(next.data() + own.kept(c) * m, carried.data() + c * m, m * sizeof(double));
+        own.minus_S(k, S_k.data());
+        transpose(S_k.data(), K, p, transposed.data());
+        add_product(transposed.data(), x_k, next.data(), p, K, m);
+        carried.swap(next);
+    }
+    std::memcpy(given.data(), carried.data(), own.width(n - 1) * m * sizeof(double));
+    Py_END_ALLOW_THREADS;
+    Py_RETURN_NONE;
 }
 
 // covariances(R, S, beyond, ahead, (nav_start, nav_dim), shared, own, cross, wanted, windows): from the covariance of s

@@ -37,7 +37,15 @@ def back_substitute(
 ) -> None: ...
 def triangle(rows: Array, out: Array, /) -> None: ...
 def forward_substitute(
-    R: Array, S: Array, beyond: Array, ahead: np.ndarray, nav: tuple[int, int], shared: Array, x: Array, /
+    R: Array,
+    S: Array,
+    beyond: Array,
+    ahead: np.ndarray,
+    nav: tuple[int, int],
+    before: int,
+    carried: Array,
+    x: Array,
+    /,
 ) -> None: ...
 def covariances(
     R: Array,

@@ -340,6 +340,6 @@ def times_covariance(root: SquareRoot, keyframes: Array, shared: Array) -> tuple
 
     P is the covariance of all variables: ``R'`` is solved forwards, R backwards, along the chain.
     """
-    whitened, added = root.forward_substituted(keyframes.copy())
-    of_shared = root.shared_inverse @ (root.shared_inverse.T @ (shared + added))
+    whitened, carried = root.forward_substituted(keyframes.copy())
+    of_shared = root.shared_inverse @ (root.shared_inverse.T @ (shared + carried[KEYFRAME_DIM : root.size]))
     return root.back_substituted(whitened, of_shared), of_shared

@@ -15,7 +15,7 @@ precision. (Bierman, "Factorization Methods for Discrete Sequential Estimation",
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -56,6 +56,13 @@ class _WithBeyond(NamedTuple):
     d: Array
     beyond: Array
 
+    @classmethod
+    def empty(cls, ahead: np.ndarray, shared_dim: int) -> _WithBeyond:
+        """Return room for those of keyframes that reach so far ``ahead`` (n,)."""
+        R = np.zeros((len(ahead), KEYFRAME_DIM, KEYFRAME_DIM))
+        S = np.empty((len(ahead), KEYFRAME_DIM, KEYFRAME_DIM + shared_dim))
+        return cls(R, S, np.empty((len(ahead), KEYFRAME_DIM)), np.empty((NAV_DIM * int(ahead.sum()), KEYFRAME_DIM)))
+
 
 def eliminate(factors: Sequence[LinearFactors], keyframes: int) -> SquareRoot:
     """Eliminate keyframe by keyframe, shared variables last. Raises ``UnsolvableError`` where they are not determined.
@@ -81,11 +88,38 @@ def eliminate_with_marginals(
         raise ValueError("factors that tie keyframes further apart: these cannot be marginalised one by one")
     with one_thread():
         whole, alone, marginals = _factored(placed, ahead, shared_dim, leading_counts)
+    R, d = _conditional_of_shared(alone, shared_dim)
+    return SquareRoot(whole.R, whole.S, whole.d, R, d, ahead, whole.beyond), marginals
+
+
+def eliminated_blocks(factors: Sequence[LinearFactors], keyframes: int) -> Iterator[SquareRoot]:
+    """Eliminate as :func:`eliminate` does, and yield the conditionals of some keyframes after the other; only the last
+    has the shared variables' own.
+
+    What is done with them, and not their number, decides how much memory they take.
+    """
+    placed, shared_dim = [_Placed.of(one) for one in factors], _shared_dim(factors)
+    ahead = _ahead(placed, keyframes)
+    alone, remainder = _of_shared_alone(placed, shared_dim + 1), np.zeros((0, KEYFRAME_DIM + shared_dim + 1))
+    for begin in range(0, keyframes, _AT_A_TIME):
+        some = ahead[begin : begin + _AT_A_TIME]
+        block = _WithBeyond.empty(some, shared_dim)
+        with one_thread():
+            remainder, rest = _block_factored(placed, ahead, begin, remainder, block)
+            alone = _triangle(np.concatenate([alone, rest]))
+        is_last = begin + len(some) == keyframes
+        shared = _conditional_of_shared(alone, shared_dim) if is_last else (np.zeros((0, 0)), np.zeros(0))
+        yield SquareRoot(block.R, block.S, block.d, *shared, some, block.beyond, int(ahead[begin - 1]) if begin else 0)
+
+
+def _conditional_of_shared(alone: Array, shared_dim: int) -> tuple[Array, Array]:
+    """Return R and d of the shared variables, from rows of them alone."""
+    with one_thread():
         shared = _triangle(alone)[:shared_dim]
         if len(shared) < shared_dim:
             raise UnsolvableError(_UNDETERMINED)
         R, sign = _positive(np.triu(shared[:, :-1]))
-        return SquareRoot(whole.R, whole.S, whole.d, R, shared[:, -1] * sign, ahead, whole.beyond), marginals
+        return R, shared[:, -1] * sign
 
 
 def _shared_dim(factors: Sequence[LinearFactors]) -> int:
@@ -179,24 +213,32 @@ def _factored(
 
     ``ahead`` is that of :class:`SquareRoot`; the marginals are those of :func:`eliminate_with_marginals`.
     """
-    keyframes, tail, widths, begins = len(ahead), shared_dim + 1, _PAIR + NAV_DIM * ahead, begins_beyond(ahead)
-    R = np.zeros((keyframes, KEYFRAME_DIM, KEYFRAME_DIM))
-    S = np.empty((keyframes, KEYFRAME_DIM, KEYFRAME_DIM + shared_dim))
-    d = np.empty((keyframes, KEYFRAME_DIM))
-    beyond = np.empty((int(begins[-1]), KEYFRAME_DIM))
+    keyframes, tail, begins = len(ahead), shared_dim + 1, begins_beyond(ahead)
+    whole = _WithBeyond.empty(ahead, shared_dim)
     alone, marginals = [_of_shared_alone(factors, tail)], {}
     remainder = np.zeros((0, _PAIR - KEYFRAME_DIM + tail))
-    factored, at_a_time = (_block_compiled, keyframes) if compiled_kernels() else (_block_by_lapack, _AT_A_TIME)
+    at_a_time = keyframes if compiled_kernels() else _AT_A_TIME
     ends = sorted({*range(at_a_time, keyframes, at_a_time), keyframes, *leading_counts})
     for begin, end in zip([0, *ends], ends, strict=False):
-        in_block = [one.between(begin, end) for one in factors]
-        block = _Block(in_block, _around(widths, begin, end), remainder, tail)
-        rows = beyond[begins[begin] : begins[end]]
-        remainder, rest = factored(block, _WithBeyond(R[begin:end], S[begin:end], d[begin:end], rows))
+        rows = whole.beyond[begins[begin] : begins[end]]
+        out = _WithBeyond(whole.R[begin:end], whole.S[begin:end], whole.d[begin:end], rows)
+        remainder, rest = _block_factored(factors, ahead, begin, remainder, out)
         alone.append(rest)
         if end in leading_counts:
             marginals[end] = _left(remainder, np.concatenate(alone), shared_dim)
-    return _WithBeyond(R, S, d, beyond), np.concatenate(alone), marginals
+    return whole, np.concatenate(alone), marginals
+
+
+def _block_factored(
+    factors: Sequence[_Placed], ahead: np.ndarray, begin: int, remainder: Array, out: _WithBeyond
+) -> tuple[Array, Array]:
+    """Write the conditionals of as many keyframes as ``out`` has, from ``begin`` on; return what is left over, and rows
+    of the shared variables alone.
+    """
+    end, tail = begin + len(out.R), out.S.shape[2] - KEYFRAME_DIM + 1
+    in_block = [one.between(begin, end) for one in factors]
+    block = _Block(in_block, _around(_PAIR + NAV_DIM * ahead, begin, end), remainder, tail)
+    return (_block_compiled if compiled_kernels() else _block_by_lapack)(block, out)
 
 
 class _Block(NamedTuple):

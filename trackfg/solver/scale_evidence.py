@@ -23,7 +23,9 @@ from trackfg.factors.linear import LinearFactors
 from trackfg.factors.odometry import ANY_DISTANCE_SD_M, MOST_CREEP
 from trackfg.factors.states import KEYFRAME_DIM, Kind, Odo, States, offset_in_keyframe
 from trackfg.numerics.arrays import Array
+from trackfg.solver.covariance import Functions
 from trackfg.solver.elimination import eliminate
+from trackfg.solver.forward_functions import estimated
 from trackfg.solver.square_root import SquareRoot
 
 CLEARLY = 3.0
@@ -68,14 +70,14 @@ class ScaleEvidence:
         """
         sigma = chain.sigma.copy()
         sigma[edges, 1] = _ANY_CHANGE_SD
-        root = eliminate([*self.rows, chain.with_sigma(sigma).linearize(self.states)], len(self.states))
         keyframe, scale = chain.slots[0].index[edges], offset_in_keyframe(Kind.ODO) + Odo.SCALE
-        change, column = np.zeros((len(self.states), KEYFRAME_DIM, len(edges))), np.arange(len(edges))
-        change[keyframe, scale, column], change[keyframe + 1, scale, column] = -1.0, 1.0
-        keyframes, shared = root.forward_substituted(change)
-        parts = keyframes.reshape(len(keyframes) * KEYFRAME_DIM, len(edges)), root.shared_inverse.T @ shared
-        precision = np.linalg.inv(sum(part.T @ part for part in parts))
-        estimate = np.diff(self.states.odo.scale + root.solution().keyframes[:, scale])[keyframe]
+        of_next = np.zeros((len(edges), KEYFRAME_DIM))
+        of_next[:, scale] = 1.0
+        changes = Functions(keyframe, -of_next, of_next, np.zeros((len(edges), 0)))
+        rows = [*self.rows, chain.with_sigma(sigma).linearize(self.states)]
+        moved, covariance = estimated(rows, len(self.states), changes)
+        precision = np.linalg.inv(covariance)
+        estimate = np.diff(self.states.odo.scale)[keyframe] + moved
         return precision - np.eye(len(edges)) / _ANY_CHANGE_SD**2, precision @ estimate
 
 

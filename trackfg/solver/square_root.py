@@ -38,7 +38,8 @@ class SquareRoot(Outlined):
     With K = KEYFRAME_DIM: ``R`` (n, K, K), ``d`` (n, K), and of S_k the columns of (x_{k+1}, s) in ``S`` (n, K, SIZE),
     those of the navigation states of k + 2 and so on as rows of ``beyond`` (NAV_DIM sum(ahead), K), keyframe after
     keyframe. ``ahead`` (n,): how many of these states a recursion has to carry at k, because this keyframe or an
-    earlier one has them as parents: 0 along a chain.
+    earlier one has them as parents: 0 along a chain. ``before`` is the same of the keyframe before the first, where
+    these are some keyframes of a longer chain.
     """
 
     R: Array
@@ -48,11 +49,12 @@ class SquareRoot(Outlined):
     d_shared: Array
     ahead: np.ndarray
     beyond: Array = field(default_factory=lambda: np.zeros((0, KEYFRAME_DIM)))
+    before: int = 0
 
-    @cached_property
+    @property
     def size(self) -> int:
         """The number of variables in (x_k, s)."""
-        return KEYFRAME_DIM + len(self.R_shared)
+        return int(self.S.shape[2])
 
     def last(self, keyframes: int) -> SquareRoot:
         """Return the square root of the last keyframes alone, all others eliminated; along a chain."""
@@ -93,12 +95,12 @@ class SquareRoot(Outlined):
         return slice(self._begins[k], self._begins[k + 1])
 
     def parents(self, k: int) -> int:
-        """Return the size of y_k as far as it is carried; of y_{-1}, behind the first keyframe, that of (x_0, s)."""
-        return self.size + NAV_DIM * (self._reach[k] if k >= 0 else 0)
+        """Return the size of y_k as far as it is carried; of y_{-1}, before a chain, that of (x_0, s)."""
+        return self.size + NAV_DIM * (self._reach[k] if k >= 0 else self.before)
 
     def kept(self, k: int) -> np.ndarray | slice:
         """Return which entries of y_k are in y_{k-1} behind x_k: s, and the navigation states from k + 1 on."""
-        count = self._reach[k - 1] if k > 0 else 0
+        count = self._reach[k - 1] if k > 0 else self.before
         return _kept(self.size, count) if count else slice(KEYFRAME_DIM, self.size)
 
     @cached_property
@@ -130,24 +132,27 @@ class SquareRoot(Outlined):
             window = np.concatenate([x[k], window[self.kept(k)]])
         return x
 
-    def forward_substituted(self, right: Array) -> tuple[Array, Array]:
+    def forward_substituted(self, right: Array, carried: Array | None = None) -> tuple[Array, Array]:
         """Return y of the transposed system, over its right-hand sides ``right`` (n, K, m), and what these add to
-        those of s, (s, m).
+        those of y_{n-1}: in rows K to ``size`` to those of s.
+
+        ``carried`` (p, m) is what keyframes before the first add to those of y_{-1}, nothing by default.
         """
         y, columns = kernel_argument(right), right.shape[2]
+        carried = np.zeros((self.parents(-1), columns)) if carried is None else carried
         if compiled_kernels():
             from trackfg.numerics import compiled
 
-            of_shared = np.empty((self.size - KEYFRAME_DIM, columns))
-            compiled.forward_substitute(*self.conditionals(), of_shared, y)
-            return y, of_shared
-        carried = np.zeros((self.size, columns))
+            window = np.empty((self.size + NAV_DIM * max(self.before, *self._reach), columns))
+            window[: len(carried)] = carried
+            compiled.forward_substitute(*self.conditionals(), self.before, window, y)
+            return y, window[: self.parents(len(y) - 1)]
         for k in range(len(y)):
             y[k] = self.inverse[k].T @ (y[k] + carried[:KEYFRAME_DIM])
             ahead = np.zeros((self.parents(k), columns))
             ahead[self.kept(k)] = carried[KEYFRAME_DIM:]
             carried = ahead - self.on_parents(k).T @ y[k]
-        return y, carried[KEYFRAME_DIM : self.size]
+        return y, carried
 
     def solution(self) -> Step:
         """Return the least-squares solution, backwards from the last keyframe."""

@@ -152,7 +152,7 @@ R, p, v, bias = _states(2)
 _CALLS = (
     Call(compiled.eliminate, _ELIMINATED),
     Call(compiled.back_substitute, (*_CONDITIONALS, np.ones((2, 3)), np.ones((2, 2, 3)))),
-    Call(compiled.forward_substitute, (*_CONDITIONALS, np.ones((2, 3)), np.ones((2, 2, 3)))),
+    Call(compiled.forward_substitute, (*_CONDITIONALS, 0, np.ones((5, 3)), np.ones((2, 2, 3)))),
     Call(
         compiled.covariances,
         (
