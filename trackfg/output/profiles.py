@@ -29,8 +29,8 @@ _CHUNK = 10_000
 """Places looked up at a time: what is needed on the way stays small."""
 
 Seen = Callable[[slice], tuple[Array, Array, Array]]
-"""Returns, at some of a pass's rows, the vehicle's left axis and the arm from the place that is seen to the IMU, (k, 3)
-in n, and the speed (k,)."""
+"""Returns, at some of a pass's rows, the vehicle's left axis (k, 3) in n, the arms from the places that are seen to the
+IMU, one beside the other (k, 3 places), and the speed (k,)."""
 
 
 @dataclass(frozen=True)
@@ -132,17 +132,18 @@ class Ascent:
             parts.append(np.column_stack([np.interp(part, place[low:high], column) for column in columns]))
         return np.concatenate(parts)
 
-    def points(self, grid: Array, left: Array, seen: Seen) -> tuple[Points, Array]:
-        """Return when and where each place of the grid was passed, and how fast."""
+    def points(self, grid: Array, left: Array, seen: Seen) -> tuple[list[Points], Array]:
+        """Return when and where each place of the grid was passed, for each arm, and how fast."""
         keyframe, fraction = self.motion.keyframe[self.rows], self.motion.fraction[self.rows]
 
         def values(rows: slice) -> Array:
-            axle, arm, speed = seen(rows)
-            return np.column_stack([keyframe[rows] + fraction[rows], speed, axle, arm])
+            axle, arms, speed = seen(rows)
+            return np.column_stack([keyframe[rows] + fraction[rows], speed, axle, arms])
 
         at = self.on(grid, values)
         k = np.clip(at[:, 0].astype(np.int64), self.stretch.first, self.stretch.last - 1)
-        return Points(keyframe=k, fraction=at[:, 0] - k, left=left, axle=at[:, 2:5], arm=at[:, 5:8]), at[:, 1]
+        share, arms = at[:, 0] - k, (at[:, begin : begin + 3] for begin in range(5, at.shape[1], 3))
+        return [Points(k, share, left, axle=at[:, 2:5], arm=arm) for arm in arms], at[:, 1]
 
 
 def _profile(run: RunContext, motion: DenseMotion, states: States, stretch: Pass) -> Profile | None:
@@ -161,7 +162,7 @@ def _profile(run: RunContext, motion: DenseMotion, states: States, stretch: Pass
     shape = np.vstack([(nav.p - nav.R @ run.lever_arm).T, heading, nav.R[:, 2] @ leftward])
     grid, (east, north, height, heading, tilt) = resample(ascent.x, ascent.sorted(shape.T).T, step_m)
     lateral, left = lateral_of(east, north, step_m)
-    points, speed = ascent.points(grid, left, seen)
+    (points,), speed = ascent.points(grid, left, seen)
     none = np.zeros(len(grid))
     return Profile(
         cell=np.rint(grid / step_m).astype(np.int64),

@@ -6,7 +6,9 @@ chainage, which is the vehicle's plus its place along the vehicle. Where several
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import groupby
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -87,7 +89,8 @@ def _profile(run: RunContext, motion: DenseMotion, views: list[RailView], stretc
         "left": (left[2], lateral_of(left[0], left[1], step_m)[0]),
         "right": (right[2], lateral_of(right[0], right[1], step_m)[0]),
     }
-    made = [_view(run, sight, cell * step_m, leftward) for sight in sights]
+    units = (list(unit) for _, unit in groupby(sights, key=lambda sight: sight.view.along_m))
+    made = [pair for unit in units for pair in _views(run, unit, cell * step_m, leftward)]
     return Profile(
         cell=cell,
         speed=made[0][1],
@@ -126,20 +129,24 @@ class _Sight:
         return cls(view, ascent, body, np.rint(grid / step_m).astype(np.int64), values)
 
 
-def _view(run: RunContext, sight: _Sight, grid: Array, leftward: Array) -> tuple[View, Array]:
-    view, ascent, body, step_m = sight.view, sight.ascent, sight.body, run.conventions.step_m
+def _views(run: RunContext, unit: list[_Sight], grid: Array, leftward: Array) -> Iterator[tuple[View, Array]]:
+    """Yield the view of each rail under a unit, which are passed at the same time, and the speed."""
+    ascent, step_m = unit[0].ascent, run.conventions.step_m
     nav = ascent.motion.nav[ascent.rows]
-    body = np.where(np.isfinite(body), body, np.nanmedian(body, axis=0))
+    bodies = [np.where(np.isfinite(sight.body), sight.body, np.nanmedian(sight.body, axis=0)) for sight in unit]
 
     def seen(rows: slice) -> tuple[Array, Array, Array]:
         R = nav.R[rows]
         speed = np.abs(np.sum(nav.v[rows] * (R @ ascent.motion.forward), axis=1))
-        return R[:, :, 1] * run.direction, -np.einsum("mij,mj->mi", R, body[rows]), speed
+        arms = [-np.einsum("mij,mj->mi", R, body[rows]) for body in bodies]
+        return R[:, :, 1] * run.direction, np.concatenate(arms, axis=1), speed
 
     points, speed = ascent.points(grid, leftward, seen)
-    across, up = view.sd(0.0)
-    readings = np.maximum(view.rate_hz * step_m / np.maximum(speed, _SLOWEST_MPS), 1.0)
-    share = np.sqrt(_KEPT / readings)
-    side: Side = view.side if run.direction > 0 else ("right" if view.side == "left" else "left")
     slope, walk = heading_noise(step_m, _SLOPE_M), heading_walk(step_m, _SLOPE_M)
-    return View(side, points, across * share, up * share, _KEPT**-0.5, slope, walk, view.along_m), speed
+    for sight, passed in zip(unit, points, strict=True):
+        view = sight.view
+        across, up = view.sd(0.0)
+        readings = np.maximum(view.rate_hz * step_m / np.maximum(speed, _SLOWEST_MPS), 1.0)
+        share = np.sqrt(_KEPT / readings)
+        side: Side = view.side if run.direction > 0 else ("right" if view.side == "left" else "left")
+        yield View(side, passed, across * share, up * share, _KEPT**-0.5, slope, walk, view.along_m), speed
