@@ -37,8 +37,8 @@ def in_recorded_units(
     """Return columns in units that a recording knows, and the keys of the description with these.
 
     Increments of an IMU become rates over the interval before them, and turns of a wheel its speed. Pulses and
-    distances that begin again, or that are each row's own, become those of a counter that goes on. Raises
-    :class:`BadInputError` for an unknown unit.
+    distances are unwrapped, or summed up where each row has an increment. Raises :class:`BadInputError` for an unknown
+    unit.
     """
     columns, keys = dict(columns), dict(keys)
     if sensor.kind == "tach" and keys.get("kind") in ("pulses", "distance"):
@@ -71,7 +71,7 @@ def in_recorded_units(
 
 
 def _counted(sensor: MappedSensor, values: Array) -> Array:
-    """Return a wheel's counts or distances (n,) as those of a counter that goes on."""
+    """Return a wheel's counts or distances (n,), unwrapped, or the sum of increments."""
     if sensor.reading.increments:
         return np.cumsum(values)
     return unwrapped_count(values, sensor.count_wraps_at, signed=bool(sensor.keys.get("signed")))

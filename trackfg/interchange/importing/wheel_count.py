@@ -1,4 +1,4 @@
-"""A wheel's count that wraps around, at any modulus, becomes one that goes on.
+"""Unwrapping of a wheel's count, whose modulus may be any number.
 
 Across a wrap from c_k to c_k+1 the wheel turns as far as in the rows beside it, by e: the modulus is c_k - c_k+1 + e,
 or c_k+1 - c_k - e of a wheel that turns back. Each wrap brackets it so, by the least and the largest of the steps
@@ -41,9 +41,7 @@ def unwrapped_count(count: Array, modulus: float | None = None, *, signed: bool 
     modulus = _modulus(count, steps, wraps) if wraps.size else None
     if modulus is None:
         return unwrapped(count)
-    turns = np.zeros(count.size)
-    turns[wraps + 1] = -np.sign(steps[wraps])
-    return np.asarray(count + np.cumsum(turns) * modulus)
+    return np.unwrap(count, period=modulus)
 
 
 def _wraps(count: Array, steps: Array) -> np.ndarray:

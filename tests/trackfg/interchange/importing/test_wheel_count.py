@@ -1,4 +1,4 @@
-"""A wheel's count that wraps goes on, whatever its modulus; what only looks like one stays as it is."""
+"""A wheel's count is unwrapped at any modulus; one that was reset, or whose values drop out, stays as it is."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def rolled(rate: float, rows: int = 6000, seed: int = 0) -> np.ndarray:
 
 @pytest.mark.parametrize("modulus", [1000, 4096, 36_000, 50_000, 60_000, 65_536, 100_000, 1_000_000])
 @pytest.mark.parametrize("wraps", [1, 2, 7])
-def test_a_count_goes_on_at_a_round_modulus(modulus: int, wraps: int) -> None:
+def test_a_count_is_unwrapped_at_a_round_modulus(modulus: int, wraps: int) -> None:
     true = rolled((wraps + 0.5) * modulus / 6000.0)
     true = true - true[0] + 10.0
     assert np.floor(true[-1] / modulus) >= wraps
@@ -38,7 +38,7 @@ def test_a_count_goes_on_at_a_round_modulus(modulus: int, wraps: int) -> None:
     np.testing.assert_array_equal(unwrapped_count(true % modulus), true)
 
 
-def test_a_count_goes_on_at_any_modulus_that_several_wraps_show() -> None:
+def test_a_count_is_unwrapped_at_any_modulus_that_several_wraps_show() -> None:
     true = rolled(53.0)
     true -= true[0]
 
@@ -54,7 +54,7 @@ def test_a_count_goes_on_at_any_modulus_that_several_wraps_show() -> None:
 @given(st.sampled_from([60_000, 100_000, 25_000, 65_536]), st.integers(30, 4000), st.integers(0, 10**6))
 @example(60_000, 3000, 0)  # so fast that it looks like 16 bits with a row missing at each wrap
 @settings(max_examples=60, deadline=None)
-def test_a_fast_count_goes_on(modulus: int, rate: int, seed: int) -> None:
+def test_a_fast_count_is_unwrapped(modulus: int, rate: int, seed: int) -> None:
     true = rolled(min(rate, 0.07 * modulus), seed=seed)
 
     read = unwrapped_count(true % modulus)
@@ -64,7 +64,7 @@ def test_a_fast_count_goes_on(modulus: int, rate: int, seed: int) -> None:
 
 @pytest.mark.parametrize("modulus", [60_000, 65_536, 43_210])
 @pytest.mark.parametrize("lowest", [0, -30_000])
-def test_a_count_that_also_runs_back_goes_on_at_both_ends(modulus: int, lowest: int) -> None:
+def test_a_count_that_also_runs_back_is_unwrapped_at_both_ends(modulus: int, lowest: int) -> None:
     true = np.floor(150_000.0 * np.sin(np.arange(20_000) / 2500.0))
 
     read = unwrapped_count((true - lowest) % modulus + lowest)
@@ -72,7 +72,7 @@ def test_a_count_that_also_runs_back_goes_on_at_both_ends(modulus: int, lowest: 
     np.testing.assert_array_equal(np.diff(read), np.diff(true))
 
 
-def test_a_distance_with_decimals_goes_on() -> None:
+def test_a_distance_with_decimals_is_unwrapped() -> None:
     true = np.round(np.cumsum(0.2 + 0.05 * np.sin(np.arange(30_000) / 900.0)), 2)
 
     np.testing.assert_allclose(unwrapped_count(np.round(true % 2000.0, 2)), true, atol=1e-6)
