@@ -284,22 +284,28 @@ def _block_by_lapack(block: _Block, out: _WithBeyond) -> tuple[Array, Array]:
     """Write the conditionals of a block, and return what is left over and rows of the shared variables alone."""
     widths, remainder, tail, alone = block.widths.tolist(), block.remainder, block.tail, []
     rows, starts = _stacked(block.factors, block.widths[1:-1], tail)
-    conditional = np.zeros((len(out.R), KEYFRAME_DIM, rows.shape[1]))
+    begins = begins_beyond((block.widths[1:-1] - _PAIR) // NAV_DIM).tolist()
     for k, (preceding, width, following) in enumerate(zip(widths, widths[1:], widths[2:], strict=False)):
-        new_rows, carried = rows[starts[k] : starts[k + 1], : width + tail], len(remainder)
-        system = np.zeros((carried + len(new_rows), width + tail), order="F")
-        system[:carried, _columns_in_next(preceding, width, tail)] = remainder
-        system[carried:] = new_rows
+        new_rows = rows[starts[k] : starts[k + 1], : width + tail]
+        count = len(new_rows)
+        system = np.zeros((count + len(remainder), width + tail), order="F")
+        system[:count] = new_rows
+        # Below them, since LAPACK leaves out the zeros at the end of a column.
+        system[count:, _columns_in_next(preceding, width, tail)] = remainder
         if len(system) < KEYFRAME_DIM:
             raise UnsolvableError(_UNDETERMINED)
         triangle = dgeqrf(system, overwrite_a=True)[0]
-        conditional[k, :, : width + tail] = triangle[:KEYFRAME_DIM]
-        rest = triangle[KEYFRAME_DIM:, KEYFRAME_DIM:]
+        conditional, rest = triangle[:KEYFRAME_DIM], triangle[KEYFRAME_DIM:, KEYFRAME_DIM:]
+        out.R[k], out.S[k, :, :KEYFRAME_DIM] = conditional[:, :KEYFRAME_DIM], conditional[:, KEYFRAME_DIM:_PAIR]
+        out.S[k, :, KEYFRAME_DIM:], out.d[k] = conditional[:, width:-1], conditional[:, -1]
+        out.beyond[begins[k] : begins[k + 1]] = conditional[:, _PAIR:width].T
         rest = rest * _upper(*rest.shape)  # below the diagonal dgeqrf keeps the reflections
         next_height = width - KEYFRAME_DIM if following else 0
         alone.append(rest[next_height:, width - KEYFRAME_DIM :].copy())
         remainder = rest[:next_height]
-    _write_conditionals(conditional, block.widths[1:-1], tail - 1, out)
+    out.R[:], sign = _positive(out.R * _upper(KEYFRAME_DIM, KEYFRAME_DIM))
+    out.S[:], out.d[:] = out.S * sign[:, :, None], out.d * sign
+    out.beyond[:] *= np.repeat(sign, np.diff(begins), axis=0)
     return remainder, np.concatenate(alone)
 
 
@@ -310,19 +316,6 @@ def _left(remainder: Array, alone: Array, shared_dim: int) -> Array:
     rest[: len(remainder)] = remainder
     rest[KEYFRAME_DIM : KEYFRAME_DIM + len(shared), KEYFRAME_DIM:] = shared
     return rest
-
-
-def _write_conditionals(conditional: Array, widths: np.ndarray, shared_dim: int, out: _WithBeyond) -> None:
-    """Write rows [R_k S_k d_k] (n, KEYFRAME_DIM, widest window), laid out as the windows, as conditionals."""
-    out.R[:], sign = _positive(conditional[:, :, :KEYFRAME_DIM] * _upper(KEYFRAME_DIM, KEYFRAME_DIM))
-    begins = begins_beyond((widths - _PAIR) // NAV_DIM)
-    for width in np.unique(widths).tolist():
-        keyframes = np.flatnonzero(widths == width)
-        rows = conditional[keyframes] * sign[keyframes, :, None]
-        out.S[keyframes, :, : _PAIR - KEYFRAME_DIM] = rows[:, :, KEYFRAME_DIM:_PAIR]
-        out.S[keyframes, :, _PAIR - KEYFRAME_DIM :] = rows[:, :, width : width + shared_dim]
-        out.beyond[begins[keyframes, None] + np.arange(width - _PAIR)] = rows[:, :, _PAIR:width].swapaxes(1, 2)
-        out.d[keyframes] = rows[:, :, width + shared_dim]
 
 
 def _positive(R: Array) -> tuple[Array, Array]:
@@ -339,7 +332,7 @@ def _positive(R: Array) -> tuple[Array, Array]:
 
 def _triangle(rows: Array) -> Array:
     """Return R of the QR of many rows: of some at a time, then of their Rs, and so on."""
-    some, columns = 4 * rows.shape[1], rows.shape[1]
+    some, columns = 16 * rows.shape[1], rows.shape[1]
     while len(rows) > some:
         padded = np.concatenate([rows, np.zeros((-len(rows) % some, columns))])
         rows = np.asarray(np.linalg.qr(padded.reshape(-1, some, columns), mode="r")).reshape(-1, columns)
@@ -449,10 +442,10 @@ def _of_shared_alone(factors: Sequence[_Placed], tail: int) -> Array:
     return _stacked(shared, np.array([_PAIR]), tail)[0][:, _PAIR:]
 
 
-def _stacked(factors: Sequence[_Placed], widths: np.ndarray, tail: int) -> tuple[Array, np.ndarray]:
+def _stacked(factors: Sequence[_Placed], widths: np.ndarray, tail: int) -> tuple[Array, list[int]]:
     """Return the rows of keyframes whose windows have these ``widths`` (n,), in order, and where those of each start.
 
-    Shapes (m, widest window) and (n + 1,).
+    Shape (m, widest window), and n + 1 starts.
     """
     factors = [one for one in factors if len(one.first)]
     none = np.zeros(0, dtype=np.int64)
@@ -472,4 +465,4 @@ def _stacked(factors: Sequence[_Placed], widths: np.ndarray, tail: int) -> tuple
         row = begins[begin:end, None] + np.arange(placed.factors.rows.shape[1])
         column = placed.columns(widths[placed.first], tail)
         rows[row[:, :, None], column[:, None, :]] = placed.factors.rows
-    return rows, starts
+    return rows, starts.tolist()
