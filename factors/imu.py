@@ -9,8 +9,9 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING
+from weakref import WeakValueDictionary
 
 import numpy as np
 
@@ -139,6 +140,14 @@ class InertialFactors(Outlined):
 
     measured: tuple[Preintegration, ...]
 
+    @classmethod
+    def of(cls, measured: tuple[Preintegration, ...]) -> InertialFactors:
+        """Return the factors of these measurements: what was made of them is shared by all problems that have them."""
+        factors = _MADE.get(id(measured))
+        if factors is None:
+            factors = _MADE[id(measured)] = cls(measured)
+        return factors
+
     @cached_property
     def graph(self) -> gtsam.NonlinearFactorGraph:
         """GTSAM's own factors."""
@@ -146,7 +155,7 @@ class InertialFactors(Outlined):
 
         graph = gtsam.NonlinearFactorGraph()
         for factor in imu_factors(one.measured for one in self.measured):
-            graph.push_back(factor)
+            graph.add(factor)
         return graph
 
     def linearize(self, states: States) -> LinearFactors:
@@ -190,6 +199,10 @@ class InertialFactors(Outlined):
         return rows
 
 
+_MADE: WeakValueDictionary[int, InertialFactors] = WeakValueDictionary()
+"""Factors by the identity of their measurements, which they keep alive."""
+
+
 def imu_factors(preintegrated: Iterable[gtsam.PreintegratedImuMeasurements]) -> list[gtsam.ImuFactor2]:
     """Factor k ties the states of keyframes k and k + 1 and the bias of keyframe k."""
     import gtsam
@@ -200,8 +213,11 @@ def imu_factors(preintegrated: Iterable[gtsam.PreintegratedImuMeasurements]) -> 
     return [gtsam.ImuFactor2(nav[k], nav[k + 1], bias[k], pim) for k, pim in enumerate(measurements)]
 
 
+@lru_cache(maxsize=1)
 def linearize_imu_factors(graph: gtsam.NonlinearFactorGraph, values: gtsam.Values) -> LinearFactors:
-    """Return a graph of :func:`imu_factors` linearised by GTSAM's own derivatives."""
+    """Return a graph of :func:`imu_factors` linearised by GTSAM's own derivatives; the last one is kept, since a run
+    asks at its solution for it again and again.
+    """
     linear = graph.linearize(values)
     systems = np.array([linear.at(k).augmentedJacobian() for k in range(linear.size())])
     return LinearFactors(_slots(len(systems)), systems)

@@ -116,7 +116,7 @@ class Problem(KeyFigures):
     @cached_property
     def inertial(self) -> InertialFactors:
         """The inertial factors."""
-        return InertialFactors(self.measured)
+        return InertialFactors.of(self.measured)
 
     @property
     def native(self) -> gtsam.NonlinearFactorGraph:
