@@ -468,9 +468,13 @@ _OUTPUT = (
         "trackfg/output/dense_motion.py",
         ("tests/trackfg/output/test_dense_motion.py",),
         (
-            _one("what is left of the turn is put in all at once", "closure[:, i] * rows.f)", "closure[:, i])"),
-            _one("the gyro's bias is added", "/ rows.dt - bias[i, 3:]", "/ rows.dt + bias[i, 3:]"),
-            _one("what is left of the velocity is taken away", "left_v[i] * u[:, None]", "left_v[i] * -u[:, None]"),
+            _one(
+                "what is left of the turn is put in all at once",
+                "closure.take(i, axis=1) * rows.f)",
+                "closure.take(i, axis=1))",
+            ),
+            _one("the gyro's bias is added", "/ rows.dt - bias_gyro", "/ rows.dt + bias_gyro"),
+            _one("what is left of the velocity is taken away", "left_v * u[:, None]", "left_v * -u[:, None]"),
         ),
     ),
     Part(
@@ -479,8 +483,8 @@ _OUTPUT = (
         (
             _one(
                 "the reference point is on the other side of the sensor",
-                "p = nav.p - nav.R @ lever_arm",
-                "p = nav.p + nav.R @ lever_arm",
+                "p = nav.p - matrices_times(nav.R, lever_arm)",
+                "p = nav.p + matrices_times(nav.R, lever_arm)",
             ),
             _one("speed is that of the sensor", "nav.own_velocity - cross(motion.gyro, arm[None])", "nav.own_velocity"),
             _one(

@@ -42,8 +42,8 @@ def hermite_at(t: Array, times: Array, places: Array, velocities: Array) -> Arra
     i = np.clip(np.searchsorted(times, t, side="right") - 1, 0, len(times) - 2)
     T = times[i + 1] - times[i]
     w0, w1, u0, u1 = hermite_weights((t - times[i]) / T, T)
-    along = places[..., i] * w0 + places[..., i + 1] * w1
-    return np.asarray(along + velocities[..., i] * u0 + velocities[..., i + 1] * u1)
+    weighted = ((places, i, w0), (places, i + 1, w1), (velocities, i, u0), (velocities, i + 1, u1))
+    return np.asarray(sum(values.take(at, axis=-1) * weight for values, at, weight in weighted))
 
 
 def spline_velocities(times: Array, places: Array) -> Array:

@@ -31,6 +31,13 @@ def _filled(entries: Sequence[Array], shape: tuple[int, ...]) -> Array:
     return out.reshape(*entries[0].shape, *shape)
 
 
+def matrices_times(R: Array, x: Array) -> Array:
+    """Return ``R @ x`` of many matrices (m, 3, 3) and one vector (3,) or matrix (3, 3): one product of all their rows
+    takes a tenth of the time of m small ones.
+    """
+    return np.asarray(R.reshape(-1, 3) @ x).reshape(len(R), 3, *x.shape[1:])
+
+
 def cross(a: Array, b: Array) -> Array:
     """Return ``np.cross`` of vectors (m, 3), for the few rows of a stream three times as fast."""
     (ax, ay, az), (bx, by, bz) = a.T, b.T
@@ -104,10 +111,10 @@ def _quaternion(R: Array) -> Array:
 
 def quaternion_exp(v: Array) -> Array:
     """Return the unit quaternions (w, x, y, z) of rotation vectors, components first. Shape (3, m) to (4, m)."""
-    half = 0.5 * np.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
+    angle = np.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
     out = np.empty((4, v.shape[1]))
-    np.cos(half, out=out[0])
-    np.multiply(v, 0.5 * np.sinc(half / np.pi), out=out[1:])
+    np.cos(0.5 * angle, out=out[0])
+    np.multiply(v, np.sin(0.5 * angle) / np.where(angle > 0.0, angle, 1.0), out=out[1:])
     return out
 
 
@@ -134,15 +141,18 @@ def quaternion_product(p: Array, q: Array) -> Array:
 
 def matrix_from_quaternion(q: Array) -> Array:
     """Return the rotation matrices of unit quaternions, components first. Shape (4, m) to (m, 3, 3)."""
+    return matrices(entries_from_quaternion(q))
+
+
+def entries_from_quaternion(q: Array) -> tuple[Array, ...]:
+    """Return the nine entries (m,) of :func:`matrix_from_quaternion`, row by row."""
     w, x, y, z = q
-    out = np.empty((q.shape[1], 3, 3))
     x2, y2, z2 = 2.0 * x, 2.0 * y, 2.0 * z
     xx, yy, zz, xy, xz, yz = x * x2, y * y2, z * z2, x * y2, x * z2, y * z2
     wx, wy, wz = w * x2, w * y2, w * z2
-    out[:, 0, 0], out[:, 0, 1], out[:, 0, 2] = 1.0 - yy - zz, xy - wz, xz + wy
-    out[:, 1, 0], out[:, 1, 1], out[:, 1, 2] = xy + wz, 1.0 - xx - zz, yz - wx
-    out[:, 2, 0], out[:, 2, 1], out[:, 2, 2] = xz - wy, yz + wx, 1.0 - xx - yy
-    return out
+    first = 1.0 - yy - zz, xy - wz, xz + wy
+    second = xy + wz, 1.0 - xx - zz, yz - wx
+    return *first, *second, xz - wy, yz + wx, 1.0 - xx - yy
 
 
 def matrix_from_rpy(roll: Array, pitch: Array, yaw: Array) -> Array:

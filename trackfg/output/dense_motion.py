@@ -22,6 +22,7 @@ from trackfg.numerics.hermite import hermite_rates, hermite_weights
 from trackfg.numerics.kernels import compiled_kernels, kernel_argument
 from trackfg.numerics.rotations import (
     cross,
+    matrices_times,
     matrix_from_quaternion,
     quaternion,
     quaternion_exp,
@@ -72,7 +73,7 @@ class DenseMotion:
             row.p + f * (next_row.p - row.p) - 0.5 * tau * (width - tau) / width * (next_row.v - row.v),
             row.v + f * (next_row.v - row.v),
         )
-        slow, fast = (np.sum(side.v * (side.R @ self.forward), axis=1) for side in (row, next_row))
+        slow, fast = (np.sum(side.v * matrices_times(side.R, self.forward), axis=1) for side in (row, next_row))
         bend = 0.5 * tau[:, 0] * (1.0 - f[:, 0]) * (fast - slow)
         distance = self.distance[i] + f[:, 0] * (self.distance[i + 1] - self.distance[i]) - bend
         keyframe = self.keyframe[i]
@@ -155,14 +156,15 @@ def _between(
 
     # The level frame turns as well, in n.
     turning = run.world.earth_rate + transport_rate(0.5 * (start.v + end.v))
-    rate = increments.rotation / rows.dt - bias[i, 3:]
+    bias_accel, bias_gyro = np.split(bias.take(i, axis=0), 2, axis=1)
+    rate = increments.rotation / rows.dt - bias_gyro
     R = _attitude(rows, start, end, rate, turning)
-    push = np.einsum("mij,mj->mi", R, increments.velocity - bias[i, :3] * rows.dt)
+    push = np.einsum("mij,mj->mi", R, increments.velocity - bias_accel * rows.dt)
     gravity = np.array([0.0, 0.0, -run.world.gravity])
     fall = [gravity - cross(run.world.earth_rate + turning, side.v) for side in (start, end)]
     distance = states.odo.distance[intervals.start : intervals.stop + 1]
     forward = mount_matrix(states.mount)[0, :, 0]
-    ahead = R @ forward, end.R @ forward
+    ahead = matrices_times(R, forward), matrices_times(end.R, forward)
     p, v, along = _path(rows, start, end, ahead, push, fall, distance)
     return DenseMotion(t, Nav(R, p, v), along, rate, increments.duration, i + intervals.start, rows.f, forward)
 
@@ -208,9 +210,9 @@ def _attitude(rows: _Rows, start: Nav, end: Nav, rate: Array, turning: Array) ->
     first = quaternion(start.R).T
     arrived = quaternion_product(quaternion_product(quaternion_exp(-(turning * span).T), first), whole)
     closure = quaternion_log(quaternion_product(arrived * _CONJUGATE, quaternion(end.R).T))
-    frame = quaternion_exp(-turning.T[:, i] * rows.since[:, 0])
-    attitude = quaternion_product(quaternion_product(frame, first[:, i]), turned)
-    return matrix_from_quaternion(quaternion_product(attitude, quaternion_exp(closure[:, i] * rows.f)))
+    frame = quaternion_exp(-turning.T.take(i, axis=1) * rows.since[:, 0])
+    attitude = quaternion_product(quaternion_product(frame, first.take(i, axis=1)), turned)
+    return matrix_from_quaternion(quaternion_product(attitude, quaternion_exp(closure.take(i, axis=1) * rows.f)))
 
 
 def _path(
@@ -223,9 +225,9 @@ def _path(
     """
     i, f, span = rows.interval, rows.f, rows.span
     middle = f[:, None] + 0.5 * rows.dt / span[i, None]
-    gained = push + (fall[0][i] + (fall[1] - fall[0])[i] * middle) * rows.dt
+    gained = push + (fall[0].take(i, axis=0) + (fall[1] - fall[0]).take(i, axis=0) * middle) * rows.dt
     faster, v_end = _running_sum(gained, rows.starts)
-    v = start.v[i] + faster
+    v = start.v.take(i, axis=0) + faster
     step = (v + 0.5 * gained) * rows.dt
     moved, p_end = _running_sum(step, rows.starts)
     travelled, d_end = _running_sum(np.einsum("mi,mi->m", step, ahead[0]), rows.starts)
@@ -234,14 +236,17 @@ def _path(
     left_speed, left_d = np.sum(left_v * ahead[1], axis=1), np.diff(distance) - d_end
     _, w, _, u = hermite_weights(f, span[i])
     _, w_rate, _, u_rate = hermite_rates(f, span[i])
+    along = distance[i] + travelled + left_d[i] * w + left_speed[i] * u
+    p, left_p, left_v = (each.take(i, axis=0) for each in (start.p, left_p, left_v))
     return (
-        start.p[i] + moved + left_p[i] * w[:, None] + left_v[i] * u[:, None],
-        v + left_p[i] * w_rate[:, None] + left_v[i] * u_rate[:, None],
-        distance[i] + travelled + left_d[i] * w + left_speed[i] * u,
+        p + moved + left_p * w[:, None] + left_v * u[:, None],
+        v + left_p * w_rate[:, None] + left_v * u_rate[:, None],
+        along,
     )
 
 
 def _running_sum(values: Array, starts: np.ndarray) -> tuple[Array, Array]:
     """Return the sum before each row within its group (m, ...), and of whole groups (n, ...). ``starts`` (n + 1,)."""
     total = np.concatenate([np.zeros_like(values[:1]), np.cumsum(values, axis=0)])
-    return total[:-1] - np.repeat(total[starts[:-1]], np.diff(starts), axis=0), np.diff(total[starts], axis=0)
+    offset = np.repeat(total[starts[:-1]], np.diff(starts), axis=0)
+    return np.subtract(total[:-1], offset, out=offset), np.diff(total[starts], axis=0)

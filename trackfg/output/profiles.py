@@ -18,6 +18,7 @@ from trackfg.geometry.resampling import FEWEST_SAMPLES, resample
 from trackfg.graph.run_context import RunContext
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.chainage.passes import Pass, passes
+from trackfg.numerics.rotations import matrices_times
 from trackfg.output.dense_motion import DenseMotion
 from trackfg.output.profile_samples import Points
 from trackfg.sensors.displacement import Side
@@ -156,10 +157,11 @@ def _profile(run: RunContext, motion: DenseMotion, states: States, stretch: Pass
 
     def seen(rows: slice) -> tuple[Array, Array, Array]:
         R = nav.R[rows]
-        return R @ leftward, R @ run.lever_arm, np.abs(np.einsum("mi,mi->m", nav.v[rows], R @ ahead))
+        axle, arm, forward = (matrices_times(R, direction) for direction in (leftward, run.lever_arm, ahead))
+        return axle, arm, np.abs(np.einsum("mi,mi->m", nav.v[rows], forward))
 
     heading = np.unwrap(np.arctan2(nav.R[:, 1] @ ahead, nav.R[:, 0] @ ahead))
-    shape = np.vstack([(nav.p - nav.R @ run.lever_arm).T, heading, nav.R[:, 2] @ leftward])
+    shape = np.vstack([(nav.p - matrices_times(nav.R, run.lever_arm)).T, heading, nav.R[:, 2] @ leftward])
     grid, (east, north, height, heading, tilt) = resample(ascent.x, ascent.sorted(shape.T).T, step_m)
     lateral, left = lateral_of(east, north, step_m)
     (points,), speed = ascent.points(grid, left, seen)

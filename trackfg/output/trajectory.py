@@ -13,7 +13,7 @@ from trackfg.graph.run_context import RunContext
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.float_table import float_table
 from trackfg.numerics.kernels import compiled_kernels, kernel_argument
-from trackfg.numerics.rotations import cross, euler_rates, rpy_from_matrix, skew
+from trackfg.numerics.rotations import cross, euler_rates, matrices_times, rpy_from_matrix, skew
 from trackfg.output.dense_motion import DenseMotion
 from trackfg.solver.covariance import Covariance
 
@@ -66,9 +66,9 @@ def _by_arrays(run: RunContext, motion: DenseMotion, states: States, covariance:
     variance, with_point = spread
     R_bt = mount_matrix(states.mount)[0]
     nav = motion.nav
-    rpy = rpy_from_matrix(nav.R @ R_bt)
+    rpy = rpy_from_matrix(matrices_times(nav.R, R_bt))
     lever_arm, noise = run.lever_arm, run.noise
-    p = nav.p - nav.R @ lever_arm
+    p = nav.p - matrices_times(nav.R, lever_arm)
     arm = lever_arm - tracking_point(states.mount)[0]
     on_track = nav.own_velocity - cross(motion.gyro, arm[None])
     forward = R_bt[:, 0]

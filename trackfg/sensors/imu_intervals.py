@@ -22,7 +22,14 @@ from trackfg.numerics.arrays import Array
 from trackfg.numerics.kernels import compiled_kernels, kernel_argument
 from trackfg.numerics.key_figures import Outlined
 from trackfg.numerics.robust import median
-from trackfg.numerics.rotations import cross, matrix_from_quaternion, quaternion_exp, quaternion_log
+from trackfg.numerics.rotations import (
+    cross,
+    entries_from_quaternion,
+    matrices,
+    matrix_from_quaternion,
+    quaternion_exp,
+    quaternion_log,
+)
 from trackfg.numerics.spans import median_interval, true_runs
 from trackfg.recording.model import Recording
 
@@ -121,11 +128,12 @@ def means_between(begin: Array, end: Array, edges: Array, samples: Array) -> Arr
     Shape (m, 3).
     """
     ends = np.clip([begin, end], edges[0], edges[-1])
-    durations, integral, out = np.diff(edges), np.zeros(len(edges)), np.empty((len(begin), 3))
-    for axis in range(3):
-        np.cumsum(samples[:, axis] * durations, out=integral[1:])
-        at_begin, at_end = np.interp(ends, edges, integral)
-        out[:, axis] = (at_end - at_begin) / (ends[1] - ends[0])
+    i = np.clip(np.searchsorted(edges, ends, side="right") - 1, 0, len(samples) - 1)
+    durations, since, integral, out = np.diff(edges), ends - edges[i], np.zeros(len(edges)), np.empty((len(begin), 3))
+    for values, mean in zip(samples.T, out.T, strict=True):
+        np.cumsum(values * durations, out=integral[1:])
+        at_begin, at_end = integral[i] + since * values[i]
+        mean[:] = (at_end - at_begin) / (ends[1] - ends[0])
     return out
 
 
@@ -169,13 +177,12 @@ def compress(data: Intervals, starts: np.ndarray, gyro_bias: Array = _NO_BIAS) -
         return increments
     first, counts = starts[:-1], np.diff(starts)
     duration = np.diff(data.edges[starts])
-    if counts.max(initial=0) <= 1:
-        turn, change = (data.gyro[first] - gyro_bias) * duration[:, None], data.accel[first] * duration[:, None]
-        return Increments(duration, data.gyro[first] * duration[:, None], change + 0.5 * cross(turn, change))
-    dt = data.durations[starts[0] : starts[-1], None]
-    turn = (data.gyro[starts[0] : starts[-1]] - gyro_bias) * dt
-    change = data.accel[starts[0] : starts[-1]] * dt
+    samples = slice(int(starts[0]), int(starts[-1]))
+    dt = data.durations[samples, None]
+    turn, change = (data.gyro[samples] - gyro_bias) * dt, data.accel[samples] * dt
     change += 0.5 * cross(turn, change)
+    if counts.max(initial=0) <= 1:
+        return Increments(duration, data.gyro[samples] * dt, change)
     running, whole = running_turn(starts - starts[0], turn)
     velocity = np.add.reduceat(np.einsum("mij,mj->mi", matrix_from_quaternion(running), change), first - starts[0])
     return Increments(duration, quaternion_log(whole).T + duration[:, None] * gyro_bias, velocity)
@@ -208,17 +215,19 @@ def _components(a: NDArray[np.complex128], b: NDArray[np.complex128]) -> Array:
 
 
 def _one_by_one(first: np.ndarray, counts: np.ndarray, steps: _Pair) -> tuple[_Pair, _Pair]:
-    """Many short groups: the first of all, then the second of all, and so on."""
-    longest, all_alike = int(counts.max(initial=0)), bool((counts[1:] == counts[:-1]).all())
+    """Many groups: the first of all, then the second of all, and so on, long groups ahead of short ones."""
+    order = np.argsort(-counts, kind="stable")
+    first, longer = first[order], np.searchsorted(-counts[order], -np.arange(counts.max(initial=0)))
     running = np.empty_like(steps[0]), np.empty_like(steps[1])
     now = np.ones(len(first), dtype=np.complex128), np.zeros(len(first), dtype=np.complex128)
-    for i in range(longest):
-        live = slice(None) if all_alike else np.flatnonzero(counts > i)
-        row = slice(i, None, longest) if all_alike else first[live] + i
-        current = now[0][live], now[1][live]
-        running[0][row], running[1][row] = current
-        now[0][live], now[1][live] = _product(current, (steps[0][row], steps[1][row]))
-    return running, now
+    for i, count in enumerate(longer.tolist()):
+        row = first[:count] + i
+        a, b = now[0][:count], now[1][:count]
+        running[0][row], running[1][row] = a, b
+        a[:], b[:] = _product((a, b), (steps[0][row], steps[1][row]))
+    whole = np.empty_like(now[0]), np.empty_like(now[1])
+    whole[0][order], whole[1][order] = now
+    return running, whole
 
 
 def _by_doubling(first: np.ndarray, counts: np.ndarray, steps: _Pair) -> tuple[_Pair, _Pair]:
@@ -275,11 +284,13 @@ def turning(data: Intervals, keyframes: np.ndarray, gyro_bias: Array, distance: 
     weight = 0.5 * (share + np.append(0.0, share[:-1]))
     weight[start] = 0.5 * share[start]
     last = np.append(start[1:], len(share)) - 1
-    R, end, at_end = matrix_from_quaternion(running), matrix_from_quaternion(whole), 0.5 * share[last][:, None, None]
-    R *= weight[:, None, None]
-    mean = np.add.reduceat(R, start) + at_end * end
-    R *= late[:, None, None]
-    return Turning(end, mean, np.add.reduceat(R, start) + at_end * end)
+    entries, end, at_end = entries_from_quaternion(running), matrix_from_quaternion(whole), 0.5 * share[last]
+
+    def mean(weight: Array) -> Array:
+        within = matrices([np.add.reduceat(weight * entry, start) for entry in entries])
+        return np.asarray(within + at_end[:, None, None] * end)
+
+    return Turning(end, mean(weight), mean(weight * late))
 
 
 def samples_per_increment(data: Intervals, duration: float | Array) -> np.ndarray:
