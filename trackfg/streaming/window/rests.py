@@ -18,6 +18,9 @@ LOOK_S = 8.0
 """How long before the newest keyframes a rest is looked for, s."""
 _MARGIN_S = 1.5
 """Time that a gentle start takes to show, s; as :mod:`trackfg.sensors.standstills` has it."""
+_STOPPING_S = 4.0
+"""Time before a silence, s, in which the accelerometer shows whether the vehicle stopped: more than the 3.5 s that
+:mod:`trackfg.sensors.standstills` looks at."""
 _TURNING_MPS = 0.5
 """Wheel speed above which no rest is looked for, m/s: an unsigned speed signal may show that much noise at rest."""
 _MOVING_MPS = 2.0
@@ -41,10 +44,18 @@ class Rests:
         config: MotionConfig,
         span: Span,
     ) -> None:
-        """Look for rests in a ``span`` of time, s, with the window's speeds; without a tach by GNSS alone."""
+        """Look for rests in a ``span`` of time, s, with the window's speeds; without a tach by GNSS alone.
+
+        A silence of the tach that began shortly before the span is looked at as a whole: a vehicle that creeps on more
+        slowly than a count shows has another force than it had at rest. A vehicle that has stood for longer may tilt
+        a little as people board it, and is at rest all the same.
+        """
         begin, until = span
-        if tach is not None and _wheel_turns(buffer.tach, tach.wheel.quantum, config.min_rest_s, span):
-            return
+        if tach is not None:
+            if _wheel_turns(buffer.tach, tach.wheel.quantum, config.min_rest_s, span):
+                return
+            stopped = _silent_since(buffer.tach, tach.wheel.quantum, begin)
+            begin = stopped - _STOPPING_S if begin - LOOK_S < stopped < begin else begin
         recording = buffer.recording(begin, until)
         if recording.imu.empty:  # within a long gap
             return
@@ -67,6 +78,15 @@ class Rests:
         spans = np.concatenate([self.spans, rests[(rests[:, 1] > rests[:, 0]) & ~moving]])
         recent = union(spans[spans[:, 1] > begin - 2.0 * self.lag_s - LOOK_S])
         self.spans = subtract(recent, buffer.breaks["imu"])
+
+
+def _silent_since(rows: Array, quantum: float, t: float) -> float:
+    """Return since when the tach, of rows (n, 2), has been silent at ``t``, s: ``t`` where it moves then."""
+    earlier = rows[: np.searchsorted(rows[:, 0], t)]
+    if not len(earlier):
+        return t
+    moved = np.flatnonzero(np.abs(earlier[:, 1] - earlier[-1, 1]) > 1.5 * quantum)
+    return float(earlier[moved[-1] if moved.size else 0, 0])
 
 
 def _wheel_turns(rows: Array, quantum: float, duration_s: float, span: Span) -> bool:
