@@ -39,14 +39,17 @@ MULTIPATH = PositionConfig(gnss_correlation_s=30.0)
 
 
 def score_kitti() -> None:
-    """Positions withheld for 30 s, five times."""
+    """Positions withheld for 30 s, five times; they are scored on the receiver's clock as the others show it."""
     drive = kitti.load().recording
     assert drive.gnss is not None
     kept, _ = withhold(drive.gnss, OUTAGES)
     for label, config in (("noise levels from the residuals", ADAPT), ("noise levels as declared", SmoothConfig())):
         result = smooth(replace(drive, gnss=kept), config)
         print(f"\nKITTI, {label} [horizontal rms 1.4 m; straight lines 51 m]")
-        scores = score_outages(result.trajectory, drive.gnss, OUTAGES)
+        clock = result.summary.gnss_clock_offset_s
+        assert clock is not None
+        measured = drive.gnss.assign(t_s=drive.gnss["t_s"] + clock.value)
+        scores = score_outages(result.trajectory, measured, OUTAGES)
         print(scores.to_string(index=False, float_format="{:.2f}".format))
         print(f"solver: {result.summary.reason}")
 

@@ -34,6 +34,9 @@ STEP_M = 0.25
 TRAJECTORY_S = 0.1
 """The step of a baseline's trajectory, s: the default of the smoother's results."""
 
+GNSS_CLOCK = "gnss_clock_offset_s"
+"""The parameter that says by how much the stamps of GNSS are early: positions were measured so much later, s."""
+
 _FORMAT = "trackfg-baseline/1"
 BASELINE_FOLDER = FolderKind("baseline's result", _HEAD, "trackfg-baseline/", FILES)
 
@@ -42,7 +45,7 @@ BASELINE_FOLDER = FolderKind("baseline's result", _HEAD, "trackfg-baseline/", FI
 class BaselineResult:
     """The tables have the columns of :mod:`trackfg.results.result`, NaN where the system says nothing.
 
-    ``parameters`` are those it ran with.
+    ``parameters`` are those it ran with, and what it estimated of the sensors: :data:`GNSS_CLOCK`.
 
     Raises ``ValueError`` for other columns.
     """

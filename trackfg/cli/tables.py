@@ -162,6 +162,7 @@ def summary(result: Result) -> RenderableType:
         "wheel scale": _estimate(page.wheel_scale),
         **{f"scale of {name}": _estimate(scale) for name, scale in page.further_scales.items()},
         "clock offset": _estimate(page.clock_offset_s, "s"),
+        "clock offset of GNSS": _estimate(page.gnss_clock_offset_s, "s"),
         "GNSS speeds too high by": _estimate(page.gnss_speed_offset_mps, "m/s"),
         "clock offset of GNSS speeds": _estimate(page.gnss_speed_clock_offset_s, "s"),
         **_mounting(page.mounting),

@@ -22,7 +22,7 @@ from trackfg.baselines import (
     mid_chord,
     odometry_imm,
 )
-from trackfg.baselines.result import BASELINE_FOLDER, BaselineResult
+from trackfg.baselines.result import BASELINE_FOLDER, GNSS_CLOCK, BaselineResult
 from trackfg.comparison.table import Task
 from trackfg.errors import BadInputError, expected_one_of
 from trackfg.peers import python_ins, vqf_offline
@@ -210,6 +210,8 @@ def _mid_chord(title: str, method: mid_chord.Method) -> Estimator:
 def _smoothed(recording: Recording) -> BaselineResult:
     result = smooth(recording)
     parameters: dict[str, float | str | bool] = {"converged": result.summary.converged}
+    if (clock := result.summary.gnss_clock_offset_s) is not None:
+        parameters[GNSS_CLOCK] = clock.value
     return BaselineResult(SMOOTHER, result.trajectory, result.geometry, result.events, parameters)
 
 

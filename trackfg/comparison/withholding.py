@@ -15,7 +15,7 @@ from typing import Literal, get_args
 import numpy as np
 import pandas as pd
 
-from trackfg.baselines.result import BaselineResult
+from trackfg.baselines.result import GNSS_CLOCK, BaselineResult
 from trackfg.evaluation.trajectory_errors import values_at
 from trackfg.numerics.rotations import matrix_from_rpy
 from trackfg.numerics.spans import true_runs
@@ -70,13 +70,17 @@ def division(recording: Recording, what: Withheld, part: int) -> Division:
 def predicted(divided: Division, recording: Recording, estimate: BaselineResult, *, anchored: bool) -> pd.DataFrame:
     """Return the errors of an estimate's predictions of what was withheld, with their sigmas, as scores need them.
 
-    ``anchored``: its chainage is the line's; else it is shifted to fit the fixes that it had.
+    ``anchored``: its chainage is the line's; else it is shifted to fit the fixes that it had. Positions are predicted
+    at their stamps on the clock that the estimate found the receiver to have.
     """
     scorers: dict[Withheld, Callable[..., pd.DataFrame]] = {
         "fixes": _fix_errors,
         "positions": _position_errors,
         "tach": _way_errors,
     }
+    if divided.what == "positions" and recording.gnss is not None:
+        offset_s = float(estimate.parameters.get(GNSS_CLOCK, 0.0))
+        recording = replace(recording, gnss=recording.gnss.assign(t_s=recording.gnss["t_s"] + offset_s))
     return scorers[divided.what](divided, recording, estimate.trajectory, anchored=anchored)
 
 

@@ -192,7 +192,8 @@ class Summary(Model):
 
     ``settings`` is what was asked for, defaults included, ``configuration`` what was used in the end, adapted noise
     levels included; ``further_scales`` has true over measured distance of each further sensor with rows, by the name of
-    its table, such as ``tach/2``. ``gnss_speed_offset_mps`` is by what a receiver's own speeds are too high,
+    its table, such as ``tach/2``. ``clock_offset_s`` is added to the tachometer's stamps, ``gnss_clock_offset_s`` to
+    those of positions. ``gnss_speed_offset_mps`` is by what a receiver's own speeds are too high,
     ``gnss_speed_clock_offset_s`` what is added to their stamps. ``noise_ratios`` says, per group of factors, how large
     the residuals are against what its sigmas lead to expect (1 is right; see
     :mod:`trackfg.solver.variance_components`). ``verdicts`` says whether the sigmas of each quantity can be trusted;
@@ -217,6 +218,7 @@ class Summary(Model):
     wheel_scale: Estimate | None = None
     further_scales: dict[str, Estimate] = Field(default_factory=dict)
     clock_offset_s: Estimate | None = None
+    gnss_clock_offset_s: Estimate | None = None
     gnss_speed_offset_mps: Estimate | None = None
     gnss_speed_clock_offset_s: Estimate | None = None
     mounting: Mounting | None = None

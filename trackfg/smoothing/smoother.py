@@ -476,10 +476,11 @@ def _summary(
     problem, solution, covariance = smoothed.problem, smoothed.solution, smoothed.covariance
     last = smoothed.calibration.iloc[-1]
     path_m = float(np.abs(np.diff(solution.states.odo.distance)).sum())
-    clock_prior, clock_sd = problem.family(FactorType.PRIOR_CLOCK), float(np.sqrt(covariance.of(Kind.CLOCK)[0, 0, 0]))
+    clock_prior = problem.family(FactorType.PRIOR_CLOCK)
     assert clock_prior is not None  # every graph has it
-    clock_s = correction.clock_s + float(clock_prior.residual(solution.states)[0, 0])
-    has_tach, factor = problem.wheel is not None, correction.factor
+    clocks_s = clock_prior.residual(solution.states)[0] + [correction.clock_s, 0.0, gnss_moved_s]
+    clock_sds = np.sqrt(np.diagonal(covariance.of(Kind.CLOCK)[0]))
+    positions, has_tach, factor = problem.family(FactorType.GNSS_POSITION), problem.wheel is not None, correction.factor
 
     speeds_offset, speeds_clock = _receiver_speeds(smoothed, gnss_moved_s)
     scalar = partial(_scalar, solution)
@@ -509,7 +510,8 @@ def _summary(
         noise_ratios=smoothed.noise_ratios,
         wheel_scale=scalar(factor * last["wheel_scale"], abs(factor) * last["wheel_scale_sd"]) if has_tach else None,
         further_scales=_further_scales(recording, solution, covariance),
-        clock_offset_s=scalar(clock_s, clock_sd) if has_tach else None,
+        clock_offset_s=scalar(float(clocks_s[0]), float(clock_sds[0])) if has_tach else None,
+        gnss_clock_offset_s=scalar(float(clocks_s[2]), float(clock_sds[2])) if positions else None,
         gnss_speed_offset_mps=speeds_offset,
         gnss_speed_clock_offset_s=speeds_clock,
         mounting=_mounting(solution, covariance),

@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from trackfg.baselines.result import BaselineResult
+from trackfg.baselines.result import GNSS_CLOCK, BaselineResult
 from trackfg.comparison.withholding import Withheld, divisible, division, predicted
 from trackfg.datasets.scenarios import Simulation
 from trackfg.recording.model import Recording
@@ -91,6 +91,15 @@ def test_positions_are_those_of_the_antenna(recording: Recording) -> None:
     east, north = np.split(errors["withheld_position_m"].to_numpy(), 2)
     assert east == pytest.approx(3.0)
     assert north == pytest.approx(1.0 - 2.0 * np.sin(0.1))
+
+
+def test_positions_are_those_of_the_clock_that_the_estimate_found(recording: Recording) -> None:
+    """At 10 m/s positions are a metre further on where their stamps are 0.1 s early."""
+    given = estimate(lambda t: t, roll_rad=0.0, pitch_rad=0.0, yaw_rad=0.0, north_m=0.0)
+    on_time = replace(given, parameters={GNSS_CLOCK: 0.1})
+    divided = division(recording, "positions", 0)
+    first, second = (predicted(divided, recording, one, anchored=True) for one in (given, on_time))
+    assert (second - first)["withheld_position_m"][: len(first) // 2].to_numpy() == pytest.approx(0.1 * SPEED)
 
 
 def test_ways_within_a_span_do_not_see_the_wheel_scale(recording: Recording) -> None:

@@ -35,6 +35,9 @@ def test_positions_that_are_late_are_moved(run: Simulation, prompt: Result) -> N
     assert not any(finding.code == "gnss-clock" for finding in prompt.summary.findings)
     (finding,) = (finding for finding in late.summary.findings if finding.code == "gnss-clock")
     assert "late" in finding.message
+    clocks = (prompt.summary.gnss_clock_offset_s, late.summary.gnss_clock_offset_s)
+    on_time, moved = (clock.value for clock in clocks if clock is not None)
+    assert moved - on_time == pytest.approx(-1.5, abs=0.02)
     for name in ("east_m", "north_m", "speed_mps", "pitch_rad"):
         off = (late.trajectory[name] - prompt.trajectory[name]) / prompt.trajectory[f"{name}_sd"]
         assert np.sqrt(np.mean(off**2)) < 1.0

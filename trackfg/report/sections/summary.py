@@ -57,6 +57,7 @@ def sensor_facts(result: Result) -> Facts:
         ("recording", page.recording_id),
         *((f"scale of {name}", _estimate(scale)) for name, scale in page.further_scales.items()),
         ("clock offset of the tachometer", _estimate(page.clock_offset_s, "s")),
+        ("clock offset of positions", _estimate(page.gnss_clock_offset_s, "s")),
         ("speeds of the receiver too high by", _estimate(page.gnss_speed_offset_mps, "m/s")),
         ("clock offset of the receiver's speeds", _estimate(page.gnss_speed_clock_offset_s, "s")),
         ("gyro bias x, y, z at the end", _vector(page.gyro_bias_radps, 1.0 / DEG_PER_H, "deg/h")),
