@@ -453,6 +453,18 @@ def test_stuck_saturated_and_repeated_channels_are_warnings(draft: Draft, tmp_pa
     assert "data row 3001 (t = 60 s)" in found["rows-repeated"]
 
 
+def test_rows_that_were_interpolated_over_a_hole_are_a_warning(draft: Draft, tmp_path: Path) -> None:
+    imu = draft["imu"]
+    values = imu.columns[1:]
+    imu.loc[2001:2059, values] = np.nan
+    imu[values] = imu[values].interpolate()
+    found = doubts(draft, tmp_path / "rec")
+    assert (
+        "data row 2003 (t = 40.04 s): 58 rows in which all six channels lie on straight lines"
+        in found["rows-interpolated"]
+    )
+
+
 def test_saturation_is_a_warning(draft: Draft, tmp_path: Path) -> None:
     draft["imu"].loc[4000:4010, "fx"] = 19.62
     assert (

@@ -43,6 +43,32 @@ def test_batch_and_stream_drop_the_same_rows(run: Any, column: str, value: float
     assert len(kept) < len(recording.imu) - 200
 
 
+def without_samples(run: Any, *, filled: bool) -> Any:
+    """The recording with a hole of 1.5 s in its IMU, which may be filled by interpolation."""
+    imu, hole = run.recording.imu, run.recording.imu["t_s"].between(BEGIN_S, END_S)
+    left = imu[~hole]
+    if filled:
+        columns = {name: np.interp(imu["t_s"], left["t_s"], left[name]) for name in imu.columns[1:]}
+        left = imu.assign(**columns)
+    return replace(run.recording, imu=left.reset_index(drop=True))
+
+
+def test_a_hole_that_was_filled_is_one_all_the_same(run: Any) -> None:
+    filled, left = (smooth(without_samples(run, filled=filled)) for filled in (True, False))
+    (finding,) = [one for one in filled.summary.findings if one.code == "imu-rows-dropped"]
+    assert "lie on straight lines" in finding.message
+    for name in ("roll_rad", "yaw_rad", "speed_mps"):
+        for column in (name, f"{name}_sd"):
+            off = filled.trajectory[column] - left.trajectory[column]
+            assert (np.abs(off) < 0.1 * left.trajectory[f"{name}_sd"]).all(), column
+    recording = without_samples(run, filled=True)
+    kept = without_imu_faults(recording, CheckLimits()).imu["t_s"].to_numpy()
+    source = RecordingSource(recording)
+    intake = Intake.of(source)
+    pieces = [intake.push(batch)[0].imu for batch in source] + [intake.finish()[0].imu]
+    np.testing.assert_array_equal(kept, np.concatenate(pieces)[:, 0])
+
+
 def test_a_stuck_gyro_does_not_turn_the_vehicle(run: Any) -> None:
     result = smooth(with_fault(run, "wx_radps"))
     (finding,) = [one for one in result.summary.findings if one.code == "imu-rows-dropped"]

@@ -1,7 +1,8 @@
-"""IMU channels are warned of that are stuck, repeated, cut off at the end of the range, or beyond any value.
+"""IMU channels are warned of that are stuck, repeated, interpolated, cut off or beyond any value.
 
-What is stuck or cut off is what batch and stream drop (:mod:`trackfg.checks.inertial.imu_faults`). A channel that is
-constant for long is warned of even where values repeat so often by chance that the detector does not judge it.
+What is stuck, interpolated or cut off at the end of the range is what batch and stream drop
+(:mod:`trackfg.checks.inertial.imu_faults`). A channel that is constant for long is warned of even where values repeat
+so often by chance that the detector does not judge it.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ import pandas as pd
 
 from trackfg.checks.columns import ColumnPlace
 from trackfg.checks.inertial.imu_faults import ImuFaultDetector
+from trackfg.checks.inertial.interpolated_rows import interpolated_times
 from trackfg.checks.limits import CheckLimits
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.spans import true_runs
@@ -25,7 +27,7 @@ def findings(imu: Imu, table: pd.DataFrame, limits: CheckLimits) -> list[Finding
     detector = ImuFaultDetector.of(imu, limits, is_canonical=True)
     faults = [fault for fault in detector.take(rows)[1] if fault.code == "stuck-channel"]
     t, sensor = rows[:, 0], detector.in_sensor_axes(rows)[:, 1:]
-    report = _repeated(imu, t, sensor, limits)
+    report = [*_repeated(imu, t, sensor, limits), *_interpolated(imu, rows)]
     same = np.diff(sensor, axis=0) == 0.0
     same &= ~same.all(axis=1)[:, None]  # which are repeated rows
     for c, name in enumerate((*imu.gyro, *imu.accel)):
@@ -53,6 +55,18 @@ def _repeated(imu: Imu, t: Array, sensor: Array, limits: CheckLimits) -> list[Fi
     )
     hint = "remove the repeated rows: a gap is bridged honestly, invented samples are not"
     return [ColumnPlace(imu.file, None, t).at_row(start, "rows-repeated", message, "samples", hint, "warning")]
+
+
+def _interpolated(imu: Imu, rows: Array) -> list[Finding]:
+    """Return the finding of rows (n, 7) by which a hole was filled."""
+    t = interpolated_times(imu, rows)
+    if not t.size:
+        return []
+    row = int(np.searchsorted(rows[:, 0], t[0]))
+    message = f"{len(t)} rows in which all six channels lie on straight lines, first here: a hole was filled"
+    hint = "remove the rows: a gap is bridged honestly, invented samples are not; the smoother does without them"
+    place = ColumnPlace(imu.file, None, rows[:, 0])
+    return [place.at_row(row, "rows-interpolated", message, "samples", hint, "warning")]
 
 
 def _plateau(

@@ -6,6 +6,8 @@ Batch and stream share this detector. It takes rows in order, a few at a time or
     A channel shows one value again and again (:mod:`trackfg.checks.inertial.stuck_value`), more often than it does by
     chance (:mod:`trackfg.checks.inertial.channel_statistics`): it is stuck, or cut off at the end of its range. Rows
     between two at the end of the range are dropped with them: alone they would be too small on average.
+``interpolated``
+    Rows lie on straight lines (:mod:`trackfg.checks.inertial.interpolated_rows`, of which a stream asks itself).
 ``impossible-value``
     A value is beyond what the sensors of rail vehicles show at all; or far beyond what this recording has shown, and
     beyond what a vehicle does, for less than ``_BELIEVED_S``: a sensor that is hit, or a value garbled on its way.
@@ -22,6 +24,7 @@ from typing import NamedTuple
 import numpy as np
 
 from trackfg.checks.inertial.channel_statistics import BLOCK_ROWS, ChannelStatistics
+from trackfg.checks.inertial.interpolated_rows import interpolated_times
 from trackfg.checks.inertial.stuck_value import StuckValue
 from trackfg.checks.limits import CheckLimits
 from trackfg.numerics.arrays import Array
@@ -247,9 +250,12 @@ def without_imu_faults(recording: Recording, limits: CheckLimits) -> Recording:
     A recording without faults is returned as it is.
     """
     imu = recording.description.imu
-    detector = ImuFaultDetector.of(imu, limits, is_canonical=True)
     rows = recording.imu[list(IMU_COLUMNS)].to_numpy()
-    faults = detector.take(rows)[1]
+    interpolated = interpolated_times(imu, rows)
+    measured = rows[~np.isin(rows[:, 0], interpolated)] if interpolated.size else rows
+    faults = ImuFaultDetector.of(imu, limits, is_canonical=True).take(measured)[1]
+    if interpolated.size:
+        faults.append(ImuFault("interpolated", interpolated, (*imu.gyro, *imu.accel)))
     if not faults:
         return recording
     sound = ~np.isin(rows[:, 0], np.concatenate([fault.t for fault in faults]))
@@ -261,17 +267,25 @@ def without_imu_faults(recording: Recording, limits: CheckLimits) -> Recording:
     )
 
 
+_RANGE = "check the sensor's range and its wiring; sigmas are larger there"
 _MEANINGS = {
-    "stuck-channel": "show one value again and again: stuck, or at the end of the range",
-    "impossible-value": "show values beyond what the sensor of a rail vehicle shows, or far beyond all before",
+    "stuck-channel": ("show one value again and again: stuck, or at the end of the range", _RANGE),
+    "impossible-value": (
+        "show values beyond what the sensor of a rail vehicle shows, or far beyond all before",
+        _RANGE,
+    ),
+    "interpolated": (
+        "lie on straight lines: a hole was filled by interpolation",
+        "leave the hole in the file: it is bridged all the same, and check sees it",
+    ),
 }
-"""What the columns of a fault do, by its code."""
+"""What the columns of a fault do, and a hint, by its code."""
 
 
 def _finding(imu: Imu, code: str, faults: list[ImuFault]) -> Finding:
     """Return the finding that rows with faults of one code were dropped."""
     columns = ", ".join(dict.fromkeys(name for fault in faults for name in fault.columns))
     count, first = sum(len(fault.t) for fault in faults), min(float(fault.t[0]) for fault in faults)
-    message = f"{count} row{'s' if count > 1 else ''} not used, and bridged: {columns} {_MEANINGS[code]}"
-    hint = "check the sensor's range and its wiring; sigmas are larger there"
+    meaning, hint = _MEANINGS[code]
+    message = f"{count} row{'s' if count > 1 else ''} not used, and bridged: {columns} {meaning}"
     return Finding("warning", "imu-rows-dropped", message, file=imu.file, time_s=first, hint=hint)

@@ -1,6 +1,6 @@
 """The intake turns batches as a source gives them into sound, canonical rows in the order of time, and events.
 
-    timestamps -> reorder buffer -> faults of the IMU -> conversion
+    timestamps -> reorder buffer -> interpolated rows and faults of the IMU -> conversion
         -> gravity, row checks, held rows, rates, speeds -> clock jumps
 
 :meth:`Intake.state` is everything that carries over from one batch to the next: an intake restored from it and given
@@ -15,6 +15,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from trackfg.checks.inertial.imu_faults import ImuFaultDetector
+from trackfg.checks.inertial.interpolated_rows import InterpolatedRows
 from trackfg.checks.limits import CheckLimits
 from trackfg.numerics.arrays import Array
 from trackfg.recording.description import RecordingDescription
@@ -49,6 +50,7 @@ class Intake:
     gravity_check: GravityCheck | None
     rate_check: RateCheck | None
     speed_check: SpeedCheck
+    interpolated: InterpolatedRows
     imu_faults: ImuFaultDetector
     row_checks: RowChecks
     held_rows: HeldRows
@@ -78,6 +80,7 @@ class Intake:
             gravity_check=None if canonical else GravityCheck(checks),
             rate_check=None if canonical else RateCheck(checks),
             speed_check=SpeedCheck(checks),
+            interpolated=InterpolatedRows.of(description.imu, is_canonical=canonical),
             imu_faults=ImuFaultDetector.of(description.imu, checks, is_canonical=canonical),
             row_checks=RowChecks.of(description, checks),
             held_rows=HeldRows(),
@@ -130,13 +133,14 @@ class Intake:
         return replace(rows, breaks=motion_breaks(events)), events
 
     def _sound(self, tables: Mapping[str, Array], *, last: bool = False) -> Rows:
-        imu = [self._measurements(tables["imu"])] if "imu" in tables else []
-        if last and len(rest := self.imu_faults.finish()):
-            imu.append(rest)
-        if imu:
+        imu = [self._measurements(*self.interpolated.take(tables["imu"]))] if "imu" in tables else []
+        if last:
+            imu += [self._measurements(self.interpolated.finish(), np.empty(0)), self.imu_faults.finish()]
+        if any(map(len, imu)) or "imu" in tables:
             tables = {**tables, "imu": np.concatenate(imu) if len(imu) > 1 else imu[0]}
         until_s = self.reorder_buffer.watermark_s
-        if (since_s := self.imu_faults.waiting_since_s) <= until_s:
+        since_s = min(self.interpolated.waiting_since_s, self.imu_faults.waiting_since_s)
+        if since_s <= until_s:
             until_s = float(np.nextafter(since_s, -np.inf))
         if self.conversion is not None:
             tables = self.conversion.converted(tables, self.report)
@@ -151,7 +155,9 @@ class Intake:
         tables = self.speed_check.sound(tables, self.description.gnss_speed, self.report)
         return Rows.of(tables, until_s, self.gnss_origin)
 
-    def _measurements(self, rows: Array) -> Array:
+    def _measurements(self, rows: Array, interpolated: Array) -> Array:
+        """Return which of rows are measurements; ``interpolated``: times of rows that were not even given, s."""
+        self.report.lose("interpolated", "imu", interpolated)
         measurements, faults = self.imu_faults.take(rows)
         for fault in faults:
             self.report.lose(fault.code, "imu", fault.t, fault.columns)

@@ -1,0 +1,143 @@
+"""Interpolated rows of the IMU are numbers on straight lines, by which a logger or a notebook has filled a hole.
+
+They look like measurements of a very quiet sensor, and are none: a curve that began within the hole is not in them.
+A row is *in line* where each of its six channels is, with the two rows before, on one line in time, up to a hundredth
+of the declared noise of a sample. Noise does so once in 10^14 rows, but that of a sensor far better than declared does
+now and then. So a run of such rows is judged by its first 0.3 s: rows were interpolated where they keep to one line
+all the way, and where five channels or more change by ten times as much. The change is that between two noisy samples,
+and of the motion between them. A smooth motion is not in line for so long, or does not change so many channels.
+
+The first row of a run is seen to be one only by the second: it passes. So does the last, which was measured. How rows
+are grouped makes no difference.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from trackfg.numerics.arrays import Array
+from trackfg.numerics.spans import true_runs
+from trackfg.numerics.units import to_si
+from trackfg.recording.description import Imu
+
+_IN_LINE = 0.01
+"""Distance from a line, in declared sigmas of a sample: that of rounding."""
+
+_CHANGED = 10.0
+"""Least change of a channel from end to end, in such distances."""
+
+_FEWEST_CHANGED = 5
+"""So many of the six channels change: two samples of one are equal, but for a tenth of a sigma, once in 20."""
+
+_SHORTEST_S = 0.3
+"""Shorter runs pass, s: those of a slow sensor whose rows were brought to a higher rate are shorter."""
+
+_FEWEST_ROWS = 10
+"""So do runs of fewer rows."""
+
+_AT_ONCE = 4096
+"""Rows of a record that are looked at in one piece, so that they stay in the cache."""
+
+
+@dataclass
+class InterpolatedRows:
+    """Tells measurements from interpolated rows, as they come. ``white`` (6,): declared densities of the noise, in the
+    units of the rows per sqrt(Hz).
+
+    ``newest`` (2, 7) or less: the newest rows. ``waiting`` (w, 7): rows of a run that is not judged yet, after the row
+    ``begin`` (7,); of one that was interpolated its newest row, which may be a measurement. ``interpolated``: what the
+    run of the newest row was found to be; None where it is in no run, or that is not judged yet.
+    """
+
+    white: Array
+    newest: Array = field(default_factory=lambda: np.empty((0, 7)))
+    begin: Array = field(default_factory=lambda: np.empty(7))
+    waiting: Array = field(default_factory=lambda: np.empty((0, 7)))
+    interpolated: bool | None = None
+
+    @classmethod
+    def of(cls, imu: Imu, *, is_canonical: bool) -> InterpolatedRows:
+        """Return the detector before the first row; ``is_canonical``: rows are in SI."""
+        white = np.array([imu.noise.gyro_white, imu.noise.accel_white])
+        if not is_canonical:
+            white /= to_si("angular rate", imu.gyro_unit), to_si("acceleration", imu.accel_unit)
+        return cls(np.repeat(white, 3))
+
+    def take(self, rows: Array) -> tuple[Array, Array]:
+        """Take the next rows (n, 7), in order: return those that are measurements, and the times of others (m,), s."""
+        if not len(rows):
+            return rows, np.empty(0)
+        with_newest = np.concatenate([self.newest, rows])
+        in_line = self._in_line(with_newest)[len(self.newest) :]
+        start, verdict = with_newest[len(self.newest) - 1], None
+        self.newest = with_newest[-2:]
+        if len(self.waiting) or (self.interpolated is not None and in_line[0]):
+            start, verdict = self.begin, self.interpolated
+        elif not in_line.any():
+            self.interpolated = None
+            return rows, np.empty(0)
+        in_line = np.concatenate([np.ones(len(self.waiting), dtype=bool), in_line])
+        rows = np.concatenate([self.waiting, rows])
+        self.waiting, self.interpolated = rows[:0], None
+        lost, passing = np.zeros(len(rows), dtype=bool), len(rows)
+        for first, end in true_runs(in_line).tolist():
+            if first:
+                start, verdict = rows[first - 1], None
+            is_newest = end == len(rows)
+            if verdict is None and (is_newest or end - first >= _FEWEST_ROWS):
+                verdict = self._judged(start, rows[first:end])
+            if verdict:
+                lost[first : end - 1] = True
+            if is_newest:
+                self.begin, self.interpolated = start, verdict
+                passing = first if verdict is None else end - 1 if verdict else end
+                self.waiting = rows[passing:]
+        return rows[:passing][~lost[:passing]], rows[lost, 0]
+
+    def finish(self) -> Array:
+        """Return the rows that wait, at the end."""
+        rest, self.waiting = self.waiting, self.waiting[:0]
+        return rest
+
+    @property
+    def waiting_since_s(self) -> float:
+        """Time of the first row that waits, s; infinite where none does."""
+        return float(self.waiting[0, 0]) if len(self.waiting) else np.inf
+
+    def _in_line(self, rows: Array) -> np.ndarray:
+        """Return which of the rows (n, 7) are in line with the two before. Shape (n,)."""
+        in_line = np.zeros(len(rows), dtype=bool)
+        if len(rows) < 3:
+            return in_line
+        dt = np.maximum(np.diff(rows[:, 0], prepend=-np.inf), np.finfo(float).tiny)
+        k = np.arange(2, len(rows))
+        for channel, white in enumerate(self.white, 1):  # of 300 rows, one is in line by its first channel
+            x = rows[:, channel]
+            distance = x[k] - x[k - 1] - dt[k] / dt[k - 1] * (x[k - 1] - x[k - 2])
+            k = k[np.abs(distance) <= _IN_LINE * white / np.sqrt(dt[k])]
+            if not k.size:
+                return in_line
+        in_line[k] = True
+        return in_line
+
+    def _judged(self, begin: Array, run: Array) -> bool | None:
+        """Return whether a run (n, 7) after the row ``begin`` was interpolated; None where it is too short for that."""
+        offsets = run - begin  # times and values from the beginning on
+        length = max(int(np.searchsorted(offsets[:, 0], _SHORTEST_S)) + 1, _FEWEST_ROWS)
+        if length > len(run):
+            return None
+        offsets = offsets[:length]
+        duration, change = offsets[-1, 0], offsets[-1, 1:]
+        tolerance = _IN_LINE * self.white / np.sqrt(duration / length)
+        line = offsets[:, :1] / duration * change
+        keeps_to_line = (np.abs(offsets[:, 1:] - line) <= tolerance).all()
+        return bool(keeps_to_line and np.count_nonzero(np.abs(change) > _CHANGED * tolerance) >= _FEWEST_CHANGED)
+
+
+def interpolated_times(imu: Imu, rows: Array) -> Array:
+    """Return the times of the rows (n, 7) of a whole record, in SI, that were interpolated, (m,), s."""
+    detector = InterpolatedRows.of(imu, is_canonical=True)
+    pieces = [detector.take(rows[first : first + _AT_ONCE])[1] for first in range(0, len(rows), _AT_ONCE)]
+    return np.concatenate([np.empty(0), *pieces])
