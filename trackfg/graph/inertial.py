@@ -42,10 +42,8 @@ def preintegrated(inputs: GraphInputs, states: States, speedless: bool) -> tuple
 
     The accelerometer has no weight where nothing measures speed.
     """
-    config = inputs.config.imu
     gyro, accel = inputs.noise.gyro, np.full_like(inputs.noise.accel, 1e3) if speedless else inputs.noise.accel
     gyro_bias = states.bias[:, 3:].mean(axis=0)
-    bridge = PreintegrationNoise.alike(config.bridge_gyro_white, config.bridge_accel_white)
     gravity, earth = inputs.world.gravity, inputs.world.earth_rate
     # The level frame turns with the Earth and, with the vehicle, over its curvature. GTSAM's Coriolis term counts
     # the second twice: v^2 / radius upwards, taken back through gravity.
@@ -54,7 +52,6 @@ def preintegrated(inputs: GraphInputs, states: States, speedless: bool) -> tuple
     weight = gravity + np.sum(velocity[:, :2] ** 2, axis=1) / EARTH_RADIUS
 
     starts, first = increment_starts(inputs.data, inputs.edges, increment_s(states.nav.v[:-1]))
-    bridged = inputs.data.bridged[inputs.edges[:-1]]
     count = len(starts) - 1
     duration, rotation, velocity = np.empty(count), np.empty((count, 3)), np.empty((count, 3))
     for begin in range(0, len(first) - 1, _AT_A_TIME):
@@ -63,7 +60,7 @@ def preintegrated(inputs: GraphInputs, states: States, speedless: bool) -> tuple
         duration[rows], rotation[rows], velocity[rows] = increments.duration, increments.rotation, increments.velocity
     return tuple(
         Preintegration(
-            bridge if bridged[k] else PreintegrationNoise(gyro[k], accel[k]),
+            PreintegrationNoise(gyro[k], accel[k]),
             float(weight[k]),
             turning[k],
             states.bias[k],

@@ -69,6 +69,11 @@ def world_of(recording: Recording) -> World:
     return World(gravity, rate, start_yaw, unknown)
 
 
+def hole_noise(config: SmoothConfig) -> tuple[float, float]:
+    """Return the densities of body rates and accelerations over a hole in the inertial record."""
+    return config.imu.bridge_gyro_white, config.imu.bridge_accel_white
+
+
 def declared_noise(description: RecordingDescription, config: SmoothConfig) -> tuple[float, float]:
     """Return the densities of the noise of gyro and accelerometer: the declared ones times their level."""
     declared, level = description.imu.noise, config.noise
@@ -174,7 +179,8 @@ class GraphInputs(Outlined):
     @cached_property
     def noise(self) -> WhiteNoise:
         """White noise of the inertial samples as assumed, from each keyframe to the next."""
-        return self.floor.between(self.t, *declared_noise(self.recording.description, self.config))
+        seen = self.floor.between(self.t, *declared_noise(self.recording.description, self.config))
+        return seen.over_holes(self.data.bridged[self.edges[:-1]], *hole_noise(self.config))
 
     @cached_property
     def response(self) -> Array:

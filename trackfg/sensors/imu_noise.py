@@ -166,6 +166,13 @@ class WhiteNoise(Outlined):
     def __len__(self) -> int:
         return len(self.gyro)
 
+    def over_holes(self, bridged: np.ndarray, gyro: float, accel: float) -> WhiteNoise:
+        """Return the noise with these densities in the intervals ``bridged`` (m,), of which there are no samples."""
+        if not bridged.any():
+            return self
+        rows = bridged[:, None]
+        return WhiteNoise(np.where(rows, gyro, self.gyro), np.where(rows, accel, self.accel))
+
     @property
     def variance(self) -> Array:
         """Squares of the densities, gyro first, shape (m, 6)."""

@@ -17,7 +17,7 @@ from trackfg.factors.imu import Preintegration, PreintegrationNoise
 from trackfg.factors.path import LEAST_TURN
 from trackfg.factors.states import Kind, Nav, States
 from trackfg.graph.inertial import increment_s, preintegrated
-from trackfg.graph.inputs import RATE_WINDOW_S, GraphInputs, declared_noise
+from trackfg.graph.inputs import RATE_WINDOW_S, GraphInputs, declared_noise, hole_noise
 from trackfg.graph.motion import along_track, turned
 from trackfg.graph.odometry import (
     ARC_SD_M,
@@ -134,9 +134,10 @@ def _by_kernel(
     )
     bias, density = noise[:1], noise[1:]
     white = WhiteNoise(density[:, :3], density[:, 3:])
+    white = white.over_holes(data.bridged[begin : begin + 1], *hole_noise(context.config))
     start = States(newest.nav, bias, newest.odo, newest.mount, newest.clock, newest.imu, newest.wheel, newest.sensor)
     measured = Preintegration(
-        _bridge(context) if data.bridged[begin] else PreintegrationNoise(white.gyro[0], white.accel[0]),
+        PreintegrationNoise(white.gyro[0], white.accel[0]),
         float(frame[0]),
         frame[1:],
         bias[0],
@@ -169,22 +170,17 @@ def _by_kernel(
 @lru_cache(maxsize=4)
 def _setting(context: StreamContext, at_rest: NoiseAtRest) -> Array:
     """Return the numbers that ``Setting`` in ``kernels/prediction.cpp`` names; they last until the next rest."""
-    world, bridge, position = context.world, _bridge(context), PreintegrationNoise.position
+    world, hole, position = context.world, np.repeat(hole_noise(context.config), 3), PreintegrationNoise.position
     motion, tach, level = context.config.motion, context.config.tach, context.config.noise
     assumed = at_rest.assumed(*declared_noise(context.description, context.config))
     return np.array([
         *(CLEARLY, world.gravity, *world.earth_rate.tolist(), EARTH_RADIUS, RATE_WINDOW_S, AT_REST_M, position),
         *(*context.description.imu.lever_arm_m, *assumed.tolist(), *at_rest.excess.tolist()),
-        *(*bridge.gyro.tolist(), *bridge.accel.tolist()),
+        *hole.tolist(),
         *(DISTANCE_SD_M, tach.scale_walk_per_sqrt_m, ROLLED_AT_REST_M, ARC_SD_M, ARC_SD_RELATIVE),
         *(motion.lateral_sd_mps, motion.vertical_sd_mps, motion.sd_per_speed, level.motion),
         *(motion.path_sd_m, motion.path_sd_relative, level.path, LEAST_TURN),
     ])  # fmt: skip
-
-
-def _bridge(context: StreamContext) -> PreintegrationNoise:
-    config = context.config.imu
-    return PreintegrationNoise.alike(config.bridge_gyro_white, config.bridge_accel_white)
 
 
 def _inputs(

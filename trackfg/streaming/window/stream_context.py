@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from trackfg.config import SmoothConfig
-from trackfg.graph.inputs import World, declared_noise
+from trackfg.graph.inputs import World, declared_noise, hole_noise
 from trackfg.graph.run_context import RunContext, geometry_conventions
 from trackfg.numerics.arrays import Array
 from trackfg.recording.description import RecordingDescription
@@ -52,7 +52,8 @@ class StreamContext:
         """Return the noise of the inertial ``data`` between keyframes at ``t`` (n,), with the recorded levels."""
         levels = noise.at(t[:-1])
         assumed = noise_seen(data, t, *declared_noise(self.description, self.config), noise.shown)
-        return WhiteNoise(assumed.gyro * levels[:, :1], assumed.accel * levels[:, 1:])
+        seen = WhiteNoise(assumed.gyro * levels[:, :1], assumed.accel * levels[:, 1:])
+        return seen.over_holes(self.run_of(t, data, seen).bridged, *hole_noise(self.config))
 
     def run_of(self, t: Array, data: Intervals, noise: WhiteNoise) -> RunContext:
         """Return the context of keyframes at ``t`` (n,), on edges of the inertial ``data`` with this noise."""
