@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 
-from trackfg.datasets.effects.clocks import ClockJump, DelayedStamps
+from trackfg.datasets.effects.clocks import ClockJump, DelayedStamps, FilledHoles
 from trackfg.datasets.effects.driving import Creeping, LongRest, TurningEarth
 from trackfg.datasets.effects.inertial import LowCost, Noise, Warming
 from trackfg.datasets.effects.mounting import LeverArm, RoughTrack, SpringRoll, Tilt
@@ -176,6 +176,13 @@ EFFECTS: dict[str, EffectKind] = {
         "IMU samples stamped on arrival, exponential delays", DelayedStamps, "ms", (1.0, 5.0), "USB and serial drivers"
     ),
     "clock-jump": EffectKind("the IMU's clock jumps ahead", ClockJump, "s", (1.0, 5.0), "a clock set while recording"),
+    "filled-holes": EffectKind(
+        "a tenth of the IMU's samples is lost in holes of such a length, and interpolated",
+        FilledHoles,
+        "s",
+        (0.1, 1.5),
+        "packets of a serial line; the log of the KITTI drive has holes of 1.6 s",
+    ),
     "creeping": EffectKind("creeping along at 0.2 to 1 times the speed", Creeping, "m/s", (0.5, 0.1), _ASSUMED),
     "earth-no-heading": EffectKind(
         "a line with loops on the turning Earth, heading not declared", TurningEarth, "deg", (35.0, 60.0), "latitudes"

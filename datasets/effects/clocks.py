@@ -1,4 +1,4 @@
-"""Errors of the IMU's time stamps: delays on arrival, a jump of the clock."""
+"""Errors of a logger: stamps on arrival, a jump of the clock, lost samples in whose place it writes others."""
 
 from __future__ import annotations
 
@@ -9,6 +9,9 @@ import numpy as np
 from trackfg.datasets.scenario import Effect
 from trackfg.datasets.vehicle.ride import Ride
 from trackfg.recording.model import Recording
+
+_LOST = 0.1
+"""Share of samples that a bad line loses. Assumed."""
 
 
 @dataclass(frozen=True)
@@ -41,3 +44,24 @@ class ClockJump(Effect):
         t = imu["t_s"].to_numpy()
         late = np.arange(len(t)) >= len(t) // 2
         return replace(recording, imu=imu.assign(t_s=t + self.magnitude * late))
+
+
+@dataclass(frozen=True)
+class FilledHoles(Effect):
+    """A tenth of the samples is lost, in holes of ``magnitude`` seconds, and interpolated. For the oracle: holes."""
+
+    def recorded(self, recording: Recording, ride: Ride, rng: np.random.Generator) -> Recording:
+        """See :class:`~trackfg.datasets.scenario.Effect`."""
+        imu = recording.imu
+        t = imu["t_s"].to_numpy()
+        period_s = self.magnitude / _LOST
+        begin = np.arange(t[0], t[-1], period_s) + (period_s - self.magnitude) * rng.random(
+            int(np.ptp(t) / period_s) + 1
+        )
+        hole = np.searchsorted(begin, t, side="right") - 1
+        kept = (hole < 0) | (t > begin[hole] + self.magnitude)
+        left = imu[kept].reset_index(drop=True)
+        if self.for_oracle:
+            return replace(recording, imu=left)
+        filled = {name: np.interp(t, left["t_s"], left[name]) for name in imu.columns if name != "t_s"}
+        return replace(recording, imu=imu.assign(**filled))

@@ -9,7 +9,7 @@ import pytest
 
 from trackfg.datasets.catalogue import scenario
 from trackfg.datasets.effects.catalogue import EFFECTS, effect
-from trackfg.datasets.effects.clocks import ClockJump, DelayedStamps
+from trackfg.datasets.effects.clocks import ClockJump, DelayedStamps, FilledHoles
 from trackfg.datasets.effects.driving import Creeping, LongRest, TurningEarth
 from trackfg.datasets.effects.inertial import LowCost, Noise, Warming
 from trackfg.datasets.effects.mounting import LeverArm, RoughTrack, SpringRoll, Tilt
@@ -188,6 +188,18 @@ def test_a_clock_jumps_once(run):
     jumped = np.round(run(ClockJump(5.0)).recording.imu["t_s"] - run().recording.imu["t_s"], 9)
     assert np.unique(jumped).tolist() == [0.0, 5.0]
     assert np.count_nonzero(np.diff(jumped)) == 1
+
+
+def test_holes_are_filled_by_straight_lines(run):
+    sound, filled = run().recording.imu, run(FilledHoles(1.0)).recording.imu
+    left = run(replace(FilledHoles(1.0), for_oracle=True)).recording.imu
+    assert 1.0 - len(left) / len(sound) == pytest.approx(0.1, abs=0.03)
+    assert filled["t_s"].equals(sound["t_s"])
+    kept = filled["t_s"].isin(left["t_s"])
+    pd.testing.assert_frame_equal(filled[kept].reset_index(drop=True), left)
+    bends = np.diff(filled.to_numpy()[:, 1:], 2, axis=0)
+    in_hole = ~kept.to_numpy()[1:-1]
+    assert np.abs(bends[in_hole]).max() < 1e-9 < np.abs(bends[~in_hole]).min(axis=0).max()
 
 
 def test_creeping_is_slow():

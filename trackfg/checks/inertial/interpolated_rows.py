@@ -3,8 +3,8 @@
 They look like measurements of a very quiet sensor, and are none: a curve that began within the hole is not in them.
 A row is *in line* where each of its six channels is, with the two rows before, on one line in time, up to a hundredth
 of the declared noise of a sample. Noise does so once in 10^14 rows, but that of a sensor far better than declared does
-now and then. So a run of such rows is judged by its first 0.3 s: rows were interpolated where they keep to one line
-all the way, and where five channels or more change by ten times as much. The change is that between two noisy samples,
+now and then. So a run of such rows is judged from 0.05 s on: rows were interpolated where they keep to one line all
+the way, and where four channels or more change by three times as much. The change is that between two noisy samples,
 and of the motion between them. A smooth motion is not in line for so long, or does not change so many channels.
 
 The first row of a run is seen to be one only by the second: it passes. So does the last, which was measured. How rows
@@ -25,17 +25,21 @@ from trackfg.recording.description import Imu
 _IN_LINE = 0.01
 """Distance from a line, in declared sigmas of a sample: that of rounding."""
 
-_CHANGED = 10.0
-"""Least change of a channel from end to end, in such distances."""
+_CHANGED = 3.0
+"""Least change of a channel from the beginning on, in such distances."""
 
-_FEWEST_CHANGED = 5
-"""So many of the six channels change: two samples of one are equal, but for a tenth of a sigma, once in 20."""
+_FEWEST_CHANGED = 4
+"""So many of the six channels change: a sensor with coarse steps, or without noise, does so in a few at most."""
 
-_SHORTEST_S = 0.3
-"""Shorter runs pass, s: those of a slow sensor whose rows were brought to a higher rate are shorter."""
+_JUDGED_S = (0.05, 0.1, 0.2, 0.4, 0.8)
+"""A run is judged when it is as long, s. Shorter ones pass, as shorter holes are interpolated
+(:mod:`trackfg.sensors.imu_intervals`); in a hole of seconds values change slowly."""
 
-_FEWEST_ROWS = 10
+_FEWEST_ROWS = 4
 """So do runs of fewer rows."""
+
+_MOST = 0.5
+"""Share of rows in line above which nothing was filled: the rows of a slow sensor were brought to a higher rate."""
 
 _AT_ONCE = 4096
 """Rows of a record that are looked at in one piece, so that they stay in the cache."""
@@ -48,7 +52,8 @@ class InterpolatedRows:
 
     ``newest`` (2, 7) or less: the newest rows. ``waiting`` (w, 7): rows of a run that is not judged yet, after the row
     ``begin`` (7,); of one that was interpolated its newest row, which may be a measurement. ``interpolated``: what the
-    run of the newest row was found to be; None where it is in no run, or that is not judged yet.
+    run of the newest row was found to be; None where it is in no run, or that is not judged yet. ``count``: how many
+    rows came, and how many of them were in line.
     """
 
     white: Array
@@ -56,6 +61,7 @@ class InterpolatedRows:
     begin: Array = field(default_factory=lambda: np.empty(7))
     waiting: Array = field(default_factory=lambda: np.empty((0, 7)))
     interpolated: bool | None = None
+    count: tuple[int, int] = (0, 0)
 
     @classmethod
     def of(cls, imu: Imu, *, is_canonical: bool) -> InterpolatedRows:
@@ -73,6 +79,8 @@ class InterpolatedRows:
         in_line = self._in_line(with_newest)[len(self.newest) :]
         start, verdict = with_newest[len(self.newest) - 1], None
         self.newest = with_newest[-2:]
+        count, count_in_line = self.count
+        self.count = count + len(rows), count_in_line + int(np.count_nonzero(in_line))
         if len(self.waiting) or (self.interpolated is not None and in_line[0]):
             start, verdict = self.begin, self.interpolated
         elif not in_line.any():
@@ -80,6 +88,8 @@ class InterpolatedRows:
             return rows, np.empty(0)
         in_line = np.concatenate([np.ones(len(self.waiting), dtype=bool), in_line])
         rows = np.concatenate([self.waiting, rows])
+        counts = np.arange(1, len(rows) + 1) + count - len(self.waiting)
+        mostly = count_in_line - len(self.waiting) + np.cumsum(in_line) > _MOST * counts
         self.waiting, self.interpolated = rows[:0], None
         lost, passing = np.zeros(len(rows), dtype=bool), len(rows)
         for first, end in true_runs(in_line).tolist():
@@ -87,7 +97,7 @@ class InterpolatedRows:
                 start, verdict = rows[first - 1], None
             is_newest = end == len(rows)
             if verdict is None and (is_newest or end - first >= _FEWEST_ROWS):
-                verdict = self._judged(start, rows[first:end])
+                verdict = self._judged(start, rows[first:end], mostly[first:end])
             if verdict:
                 lost[first : end - 1] = True
             if is_newest:
@@ -122,18 +132,24 @@ class InterpolatedRows:
         in_line[k] = True
         return in_line
 
-    def _judged(self, begin: Array, run: Array) -> bool | None:
-        """Return whether a run (n, 7) after the row ``begin`` was interpolated; None where it is too short for that."""
+    def _judged(self, begin: Array, run: Array, mostly: np.ndarray) -> bool | None:
+        """Return whether a run (n, 7) after the row ``begin`` was interpolated; None where it is too short for that.
+
+        ``mostly`` (n,): whether most rows up to each were in line.
+        """
         offsets = run - begin  # times and values from the beginning on
-        length = max(int(np.searchsorted(offsets[:, 0], _SHORTEST_S)) + 1, _FEWEST_ROWS)
-        if length > len(run):
-            return None
-        offsets = offsets[:length]
-        duration, change = offsets[-1, 0], offsets[-1, 1:]
-        tolerance = _IN_LINE * self.white / np.sqrt(duration / length)
-        line = offsets[:, :1] / duration * change
-        keeps_to_line = (np.abs(offsets[:, 1:] - line) <= tolerance).all()
-        return bool(keeps_to_line and np.count_nonzero(np.abs(change) > _CHANGED * tolerance) >= _FEWEST_CHANGED)
+        for least_s in _JUDGED_S:
+            length = max(int(np.searchsorted(offsets[:, 0], least_s)) + 1, _FEWEST_ROWS)
+            if length > len(run):
+                return None
+            duration, change = offsets[length - 1, 0], offsets[length - 1, 1:]
+            tolerance = _IN_LINE * self.white / np.sqrt(duration / length)
+            distance = offsets[:length, 1:] - offsets[:length, :1] / duration * change
+            if mostly[length - 1] or (np.abs(distance) > tolerance).any():
+                return False
+            if np.count_nonzero(np.abs(change) > _CHANGED * tolerance) >= _FEWEST_CHANGED:
+                return True
+        return False
 
 
 def interpolated_times(imu: Imu, rows: Array) -> Array:
