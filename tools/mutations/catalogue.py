@@ -721,7 +721,7 @@ _SENSORS = (
     Part(
         "trackfg/sensors/averages.py",
         ("tests/trackfg/sensors/test_averages.py",),
-        (_one("a mean is an integral", ") / step for integral in integrals]", ") for integral in integrals]"),),
+        (_one("a mean is an integral", "for name in IMU_COLUMNS[1:])) / step", "for name in IMU_COLUMNS[1:]))"),),
     ),
 )
 
