@@ -29,9 +29,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from trackfg.errors import BadInputError
-from trackfg.geometry.convolution import convolve_inside, kernel_frequencies
+from trackfg.geometry.convolution import kernel_frequencies
 from trackfg.geometry.grid import wave_number
 from trackfg.numerics.arrays import Array
+from trackfg.numerics.convolution import convolve_inside
 from trackfg.numerics.spans import true_runs
 
 _TAIL = 2e-5

@@ -14,10 +14,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from trackfg.geometry.convolution import convolve_inside
 from trackfg.geometry.grid import steps, wave_number, window_sums
 from trackfg.geometry.moving_average import moving_average
 from trackfg.numerics.arrays import Array
+from trackfg.numerics.convolution import convolve_inside
 
 
 def design_versine(curvature_1pm: ArrayLike, step_m: float, behind_m: float = 5.0, ahead_m: float = 5.0) -> Array:

@@ -11,14 +11,18 @@ from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
-from scipy.ndimage import binary_erosion, gaussian_filter1d
+from scipy.ndimage import binary_erosion
 
 from trackfg.numerics.arrays import Array
+from trackfg.numerics.convolution import convolve_inside
 from trackfg.numerics.spans import median_interval
 from trackfg.recording.model import IMU_COLUMNS
 
 _MOST_PER_SAMPLE = 10
 """With more intervals than so many for each sample of the IMU, nearly all are in gaps."""
+
+_REACH = 4.0
+"""A Gaussian average reaches so many of its standard deviations to either side, as SciPy's do."""
 
 
 @dataclass(frozen=True)
@@ -97,7 +101,16 @@ def band_passed(values: Array, valid: np.ndarray, step_s: float, short_s: float,
     if not valid.any():
         return np.zeros_like(values)
     bridged = np.interp(index, index[valid], values[valid])
-    out = gaussian_filter1d(bridged, short_s / step_s) - gaussian_filter1d(bridged, long_s / step_s)
+    whole = int(_REACH * max(short_s, long_s) / step_s + 0.5)
+    kernel = _gaussian(short_s / step_s, whole) - _gaussian(long_s / step_s, whole)
+    out = convolve_inside(np.pad(bridged, whole, mode="symmetric"), kernel)
     reach = max(1, round(3.0 * short_s / step_s))
     known = binary_erosion(valid, iterations=reach)
     return np.where(known, out, 0.0)
+
+
+def _gaussian(sd: float, whole: int) -> Array:
+    """The weights of a Gaussian average, shape (2 whole + 1,); ``sd`` in steps."""
+    step = np.arange(-whole, whole + 1)
+    weights = np.where(np.abs(step) <= int(_REACH * sd + 0.5), np.exp(-0.5 * np.square(step / sd)), 0.0)
+    return np.asarray(weights / weights.sum())

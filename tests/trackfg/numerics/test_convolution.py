@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.fft import next_fast_len
 
-from trackfg.geometry.convolution import convolve_inside, fast_length
+from trackfg.numerics.convolution import convolve_inside, fast_length
 
 
 @pytest.mark.parametrize("least", [1, 2, 7, 11, 97, 360, 719_999, 720_001, 17_280_037])
