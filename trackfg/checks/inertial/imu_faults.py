@@ -95,6 +95,11 @@ class ImuFaultDetector:
 
     def take(self, rows: Array) -> tuple[Array, list[ImuFault]]:
         """Take the next rows (n, 7), in order; return the measurements that are known to be such, and the faults."""
+        measurements, faults = self.taken(rows)
+        return measurements[1] if len(measurements) == 2 else np.concatenate(measurements), faults
+
+    def taken(self, rows: Array) -> tuple[list[Array], list[ImuFault]]:
+        """Do as :meth:`take`, and leave the measurements in parts, the first of which is empty."""
         measurements, faults = [np.empty((0, 7))], list[ImuFault]()
         blocks = 1
         while rows.shape[0]:
@@ -118,7 +123,7 @@ class ImuFaultDetector:
                 part, sensed = part[~odd], sensed[~odd]
             if len(part):
                 measurements.append(self._judge(part, sensed, faults))
-        return measurements[1] if len(measurements) == 2 else np.concatenate(measurements), faults
+        return measurements, faults
 
     def _take_plain_blocks(self, rows: Array) -> int:
         """Take the first whole blocks of rows in which nothing is odd, and return how many: the usual ones, quickly."""
@@ -253,7 +258,7 @@ def without_imu_faults(recording: Recording, limits: CheckLimits) -> Recording:
     rows = recording.imu[list(IMU_COLUMNS)].to_numpy()
     interpolated = interpolated_times(imu, rows)
     measured = rows[~np.isin(rows[:, 0], interpolated)] if interpolated.size else rows
-    faults = ImuFaultDetector.of(imu, limits, is_canonical=True).take(measured)[1]
+    faults = ImuFaultDetector.of(imu, limits, is_canonical=True).taken(measured)[1]
     if interpolated.size:
         faults.append(ImuFault("interpolated", interpolated, (*imu.gyro, *imu.accel)))
     if not faults:
