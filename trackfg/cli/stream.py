@@ -51,7 +51,9 @@ class StreamOptions:
     checkpoint_every: Annotated[
         float | None,
         typer.Option(
-            metavar="S", help="Seconds of the stream from one checkpoint in OUT to the next: 60 unless given."
+            metavar="S",
+            help="Seconds of the stream from one checkpoint in OUT to the next. Unless given, 60, and a second of the "
+            "computer's time.",
         ),
     ] = None
     view: Annotated[
@@ -184,12 +186,12 @@ def _into_folder(
     """Begin a stream in a folder, or go on with the one in it; None where that is finished."""
     from trackfg.files.atomic_file import UNFINISHED
     from trackfg.files.owned_folder import refuse_used, sole_writer
-    from trackfg.streaming.checkpoint.checkpoint import EVERY_S, Checkpoint, Checkpoints
+    from trackfg.streaming.checkpoint.checkpoint import Checkpoint, Checkpoints
     from trackfg.streaming.sinks.parquet_parts import NOTHING_WRITTEN, ParquetParts
     from trackfg.streaming.sinks.sink import TABLES
 
-    out, every_s = Path(options.out), EVERY_S if options.checkpoint_every is None else options.checkpoint_every
-    checkpoints = Checkpoints(out / _CHECKPOINT, every_s=every_s)
+    out = Path(options.out)
+    checkpoints = Checkpoints(out / _CHECKPOINT, every_s=options.checkpoint_every)
     leftovers = list(out.glob(f"{UNFINISHED}{_CHECKPOINT}*"))
     if leftovers:
         with sole_writer(out):

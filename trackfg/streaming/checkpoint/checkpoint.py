@@ -14,7 +14,8 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-from collections.abc import Mapping
+import time
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -30,6 +31,10 @@ from trackfg.streaming.checkpoint.snapshot import Snapshot
 FORMAT = "trackfg-checkpoint/8"
 EVERY_S = 60.0
 """Time of the stream from one checkpoint to the next, s: as much is computed again after a kill."""
+APART_S = 1.0
+"""Time of the computer from one checkpoint to the next, s, unless the stream's is given: an hour of stored rows takes
+less than half a minute, and would have 60 of them.
+"""
 _BEGINS = b'{"format": "trackfg-checkpoint/'
 _MOST_BYTES = 1024 * 2**20
 """Size of a checkpoint: the rows of an hour at 1 kHz, 7 numbers of 8 bytes each, take 200 MB."""
@@ -121,13 +126,19 @@ _CHECKPOINT = TypeAdapter(Checkpoint)
 
 
 class Checkpoints:
-    """The file ``path``, replaced whenever the stream has moved on by ``every_s`` seconds of its own time."""
+    """The file ``path``, replaced when the stream has moved on by ``every_s`` seconds of its own time: without any
+    given, by :data:`EVERY_S`, and when :data:`APART_S` of the computer's time are over too.
+    """
 
-    def __init__(self, path: Path | str, *, every_s: float = EVERY_S) -> None:
-        if not (math.isfinite(every_s) and every_s > 0.0):
+    def __init__(
+        self, path: Path | str, *, every_s: float | None = None, clock: Callable[[], float] = time.monotonic
+    ) -> None:
+        if every_s is not None and not (math.isfinite(every_s) and every_s > 0.0):
             raise BadInputError(f"a checkpoint every {every_s:g} s: expected more than 0 s")
-        self.path, self._every_s = Path(path), every_s
+        self.path, self._clock = Path(path), clock
+        self._every_s, self._apart_s = (EVERY_S, APART_S) if every_s is None else (every_s, 0.0)
         self._last_s: float | None = None
+        self._written_s = clock()
 
     def due(self, until_s: float) -> bool:
         """Return whether it is time for the next one, with rows complete up to ``until_s``, s."""
@@ -135,9 +146,10 @@ class Checkpoints:
             return False
         if self._last_s is None:
             self._last_s = until_s
-        if until_s < self._last_s + self._every_s:
+        now_s = self._clock()
+        if until_s < self._last_s + self._every_s or now_s < self._written_s + self._apart_s:
             return False
-        self._last_s = until_s
+        self._last_s, self._written_s = until_s, now_s
         return True
 
     def write(self, checkpoint: Checkpoint) -> None:

@@ -287,6 +287,21 @@ def test_a_full_disk_keeps_the_last_checkpoint(
     assert [path.name for path in tmp_path.iterdir()] == ["checkpoint"]
 
 
+def test_checkpoints_of_stored_rows_are_a_second_apart(tmp_path: Path) -> None:
+    now_s = [100.0]
+    usual = Checkpoints(tmp_path / "checkpoint", clock=lambda: now_s[0])
+    given = Checkpoints(tmp_path / "checkpoint", every_s=60.0, clock=lambda: now_s[0])
+    assert not usual.due(0.0)
+    assert not given.due(0.0)
+    now_s[0] += 0.9
+    assert not usual.due(60.0)
+    assert given.due(60.0)
+    now_s[0] += 0.2
+    assert usual.due(61.0)
+    now_s[0] += 9.0
+    assert not usual.due(120.0)
+
+
 def test_no_checkpoint_is_said(tmp_path: Path) -> None:
     with pytest.raises(BadInputError, match="nowhere: expected the checkpoint of a stream: No such file"):
         Checkpoints(tmp_path / "nowhere").read()
