@@ -16,6 +16,7 @@ namespace {
 constexpr int CHANNELS = 6, AXES = 3, BANDS = 3, NEIGHBOURS = 5;
 static_assert(SHORTEST_BLOCK == 2 << BANDS);
 constexpr double FARTHEST = 1e100;
+constexpr std::uint8_t NOWHERE[CHANNELS] = {};
 
 // In the order of _LIMITS in imu_noise.py, which says what they are.
 struct Limits {
@@ -28,11 +29,11 @@ class Spectrum {
   public:
     explicit Spectrum(std::ptrdiff_t length)
         : length_(length), half_(length / 2), window_(length), cosine_(half_), sine_(half_), reversed_(half_),
-          real_(half_ * CHANNELS), imaginary_(half_ * CHANNELS) {
+          real_(half_ * CHANNELS), imaginary_(half_ * CHANNELS), power_(half_ * CHANNELS) {
         for (std::ptrdiff_t i = 0; i < length; ++i) {
             const double angle = 2.0 * M_PI * static_cast<double>(i) / static_cast<double>(length);
             window_[i] = 0.5 - 0.5 * std::cos(angle);
-            power_ += window_[i] * window_[i];
+            window_power_ += window_[i] * window_[i];
             if (i < half_) cosine_[i] = std::cos(angle), sine_[i] = -std::sin(angle);
         }
         for (std::ptrdiff_t i = 1, bits = half_ / 2; i < half_; ++i) {
@@ -43,26 +44,25 @@ class Spectrum {
     }
 
     std::ptrdiff_t length() const { return length_; }
-    double window_power() const { return power_; }
+    double window_power() const { return window_power_; }
 
     // Write the mean log of the power in each band, (CHANNELS, BANDS), of the samples of a block, (length, CHANNELS).
     void mean_logs(const double *samples, double *out) {
         transform(samples);
         for (int band = 0; band < BANDS; ++band) {
             const std::ptrdiff_t begin = half_ >> (BANDS - band), end = 2 * begin;
-            double sums[CHANNELS] = {};
-            for (int c = 0; c < CHANNELS; ++c) {
-                // A logarithm of many values' product, as long as that is far from the ends of the range.
-                double product = 1.0;
-                for (std::ptrdiff_t k = begin; k < end; ++k) {
-                    const double power = std::max(power_at(k, c), DBL_MIN);
-                    if (product * power > FARTHEST || product * power < 1.0 / FARTHEST)
-                        sums[c] += std::log(product), product = 1.0;
-                    product *= power;
+            // A logarithm of many values' product, as long as that is far from the ends of the range.
+            double sums[CHANNELS] = {}, products[CHANNELS];
+            std::fill_n(products, CHANNELS, 1.0);
+            for (std::ptrdiff_t k = begin; k < end; ++k)
+                for (int c = 0; c < CHANNELS; ++c) {
+                    const double power = power_[k * CHANNELS + c], product = products[c] * power;
+                    const bool far = product > FARTHEST || product < 1.0 / FARTHEST;
+                    if (far) sums[c] += std::log(products[c]);
+                    products[c] = far ? power : product;
                 }
-                sums[c] += std::log(product);
-            }
-            for (int c = 0; c < CHANNELS; ++c) out[c * BANDS + band] = sums[c] / static_cast<double>(end - begin);
+            for (int c = 0; c < CHANNELS; ++c)
+                out[c * BANDS + band] = (sums[c] + std::log(products[c])) / static_cast<double>(end - begin);
         }
     }
 
@@ -92,70 +92,111 @@ class Spectrum {
                         a[i] += turned_x, b[i] += turned_y;
                     }
                 }
-    }
-
-    // The squared magnitude of the spectrum at frequency k, 0 < k < half: even samples and odd ones put together.
-    double power_at(std::ptrdiff_t k, int channel) const {
-        const std::ptrdiff_t near = k * CHANNELS + channel, far = (half_ - k) * CHANNELS + channel;
-        const double even_x = 0.5 * (real_[near] + real_[far]), even_y = 0.5 * (imaginary_[near] - imaginary_[far]);
-        const double odd_x = 0.5 * (imaginary_[near] + imaginary_[far]), odd_y = 0.5 * (real_[far] - real_[near]);
-        const double x = even_x + cosine_[k] * odd_x - sine_[k] * odd_y;
-        const double y = even_y + cosine_[k] * odd_y + sine_[k] * odd_x;
-        return x * x + y * y;
+        for (std::ptrdiff_t k = half_ >> BANDS; k < half_; ++k) {  // even samples and odd ones put together
+            const double *near_x = &real_[k * CHANNELS], *near_y = &imaginary_[k * CHANNELS];
+            const double *far_x = &real_[(half_ - k) * CHANNELS], *far_y = &imaginary_[(half_ - k) * CHANNELS];
+            const double c = 0.5 * cosine_[k], s = 0.5 * sine_[k];
+            double *power = &power_[k * CHANNELS];
+            for (int i = 0; i < CHANNELS; ++i) {
+                const double odd_x = near_y[i] + far_y[i], odd_y = far_x[i] - near_x[i];
+                const double x = 0.5 * (near_x[i] + far_x[i]) + c * odd_x - s * odd_y;
+                const double y = 0.5 * (near_y[i] - far_y[i]) + c * odd_y + s * odd_x;
+                power[i] = std::max(x * x + y * y, DBL_MIN);
+            }
+        }
     }
 
     std::ptrdiff_t length_, half_;
-    double power_ = 0.0;
+    double window_power_ = 0.0;
     std::vector<double> window_, cosine_, sine_;
     std::vector<std::ptrdiff_t> reversed_;
-    std::vector<double> real_, imaginary_;
+    std::vector<double> real_, imaginary_, power_;  // (half, CHANNELS); of the power from the lowest band on
 };
+
+// How each channel's samples (count, CHANNELS) lie: the smallest step from one to the next that is one, 0 without any, and
+// both ends of their range, with how many are there.
+struct Extent {
+    double step[CHANNELS], lowest[CHANNELS], highest[CHANNELS], at_lowest[CHANNELS], at_highest[CHANNELS];
+};
+
+WITH_VECTOR_UNITS Extent extent_of(const double *samples, std::ptrdiff_t count, double same) {
+    Extent of;
+    for (int c = 0; c < CHANNELS; ++c) {
+        of.step[c] = of.lowest[c] = HUGE_VAL, of.highest[c] = -HUGE_VAL;
+        of.at_lowest[c] = of.at_highest[c] = 0.0;
+    }
+    for (std::ptrdiff_t i = 0; i < count; ++i)
+        for (int c = 0; c < CHANNELS; ++c) {
+            const double value = samples[i * CHANNELS + c];
+            const double difference = i > 0 ? std::abs(value - samples[(i - 1) * CHANNELS + c]) : 0.0;
+            const double step = difference > same ? difference : HUGE_VAL;
+            of.step[c] = step < of.step[c] ? step : of.step[c];
+            of.lowest[c] = value < of.lowest[c] ? value : of.lowest[c];
+            of.highest[c] = value > of.highest[c] ? value : of.highest[c];
+        }
+    for (std::ptrdiff_t i = 0; i < count; ++i)
+        for (int c = 0; c < CHANNELS; ++c) {
+            of.at_lowest[c] += std::abs(samples[i * CHANNELS + c] - of.lowest[c]) < same ? 1.0 : 0.0;
+            of.at_highest[c] += std::abs(samples[i * CHANNELS + c] - of.highest[c]) < same ? 1.0 : 0.0;
+        }
+    for (int c = 0; c < CHANNELS; ++c)
+        if (!std::isfinite(of.step[c])) of.step[c] = 0.0;
+    return of;
+}
+
+// How often each channel changes within samples (count, CHANNELS).
+WITH_VECTOR_UNITS void count_changes(const double *samples, std::ptrdiff_t count, double same, double *changes) {
+    std::fill_n(changes, CHANNELS, 0.0);
+    for (std::ptrdiff_t i = 1; i < count; ++i)
+        for (int c = 0; c < CHANNELS; ++c)
+            changes[c] += std::abs(samples[i * CHANNELS + c] - samples[(i - 1) * CHANNELS + c]) > same ? 1.0 : 0.0;
+}
 
 // A record in blocks of `length` samples: block j begins at sample starts[j]; `dt` is its sampling interval, s.
 class Record {
   public:
     Record(const Samples &samples, const std::int64_t *starts, std::ptrdiff_t blocks, std::ptrdiff_t length, double dt,
            const Limits &limits)
-        : edges_(samples.edges), gyro_(samples.gyro), accel_(samples.accel), bridged_(samples.bridged), starts_(starts),
-          count_(samples.count), blocks_(blocks), length_(length), dt_(dt), limits_(limits) {
-        for (int c = 0; c < CHANNELS; ++c) {
-            step_[c] = HUGE_VAL;
-            for (std::ptrdiff_t i = 1; i < count_; ++i) {
-                const double difference = std::abs(at(i, c) - at(i - 1, c));
-                if (difference > limits_.same) step_[c] = std::min(step_[c], difference);
+        : edges_(samples.edges), bridged_(samples.bridged), starts_(starts), count_(samples.count), blocks_(blocks),
+          length_(length), dt_(dt), limits_(limits), samples_(count_ * CHANNELS) {
+        for (std::ptrdiff_t i = 0; i < count_; ++i)
+            for (int axis = 0; axis < AXES; ++axis) {
+                samples_[i * CHANNELS + axis] = samples.gyro[i * AXES + axis];
+                samples_[i * CHANNELS + AXES + axis] = samples.accel[i * AXES + axis];
             }
-            if (!std::isfinite(step_[c])) step_[c] = 0.0;
-        }
+        extent_ = extent_of(samples_.data(), count_, limits_.same);
     }
 
-    // Densities squared of the floor, or of rounding where that is more, (blocks, CHANNELS).
-    void floor(double *seen) const {
+    // Densities squared of the floor, or of rounding where that is more, (blocks, CHANNELS), of some of the blocks.
+    void floor(double *seen, std::ptrdiff_t first, std::ptrdiff_t last) const {
         thread_local Spectrum spectrum(length_);
         if (spectrum.length() != length_) spectrum = Spectrum(length_);
-        std::vector<double> logs(blocks_ * CHANNELS * BANDS), block(length_ * CHANNELS);
-        for (std::ptrdiff_t j = 0; j < blocks_; ++j) {
-            for (std::ptrdiff_t i = 0; i < length_; ++i)
-                for (int c = 0; c < CHANNELS; ++c) block[i * CHANNELS + c] = at(starts_[j] + i, c);
-            spectrum.mean_logs(block.data(), &logs[j * CHANNELS * BANDS]);
-        }
-        double scatter[BANDS];
+        const std::ptrdiff_t begin = std::max<std::ptrdiff_t>(first - NEIGHBOURS / 2, 0);
+        const std::ptrdiff_t end = std::min(last + NEIGHBOURS / 2 + 1, blocks_);
+        std::vector<double> logs((end - begin) * CHANNELS * BANDS);
+        for (std::ptrdiff_t j = begin; j < end; ++j)
+            spectrum.mean_logs(&samples_[starts_[j] * CHANNELS], &logs[(j - begin) * CHANNELS * BANDS]);
+        double scatter[BANDS], changes[CHANNELS];
         for (int band = 0; band < BANDS; ++band)
             scatter[band] = limits_.scatter / std::sqrt(static_cast<double>((length_ / 2) >> (BANDS - band)));
-        for (std::ptrdiff_t j = 0; j < blocks_; ++j) {
+        for (std::ptrdiff_t j = first; j <= last; ++j) {
             const std::uint8_t *own = bridged_ + starts_[j];
             const bool whole = std::none_of(own, own + length_, [](std::uint8_t one) { return one != 0; });
+            count_changes(&samples_[starts_[j] * CHANNELS], length_, limits_.same, changes);
             for (int c = 0; c < CHANNELS; ++c) {
                 double least = HUGE_VAL;
                 for (int band = 0; band < BANDS; ++band) {
                     double near[NEIGHBOURS];
                     for (std::ptrdiff_t i = 0; i < NEIGHBOURS; ++i) {
                         const std::ptrdiff_t neighbour = std::clamp(j + i - NEIGHBOURS / 2, std::ptrdiff_t{0}, blocks_ - 1);
-                        near[i] = logs[(neighbour * CHANNELS + c) * BANDS + band];
+                        near[i] = logs[((neighbour - begin) * CHANNELS + c) * BANDS + band];
                     }
                     least = std::min(least, middle(near) + scatter[band]);
                 }
                 const double density = whole ? std::exp(least + limits_.euler) * dt_ / spectrum.window_power() : 0.0;
-                seen[j * CHANNELS + c] = std::max(density, rounding(j, c));
+                const double step = extent_.step[c];
+                const double rounding = step * step / 12.0 * static_cast<double>(length_) * dt_ / (changes[c] + 1.0);
+                seen[j * CHANNELS + c] = std::max(density, rounding);
             }
         }
     }
@@ -168,7 +209,7 @@ class Record {
         for (std::ptrdiff_t i = 0; i < count_; ++i) {
             const double duration = edges_[i + 1] - edges_[i];
             const double longer = duration > limits_.longer * dt_ && !bridged_[i] ? duration - dt_ : 0.0;
-            const std::uint8_t *at_end = &cut_off[i * CHANNELS];
+            const std::uint8_t *at_end = cut_off.empty() ? NOWHERE : &cut_off[i * CHANNELS];
             if (!(longer > 0.0) && std::none_of(at_end, at_end + CHANNELS, [](std::uint8_t one) { return one != 0; }))
                 continue;
             if (block_of(i) != of_block) {
@@ -185,23 +226,20 @@ class Record {
 
     // Rows in shocks, and the changes of velocity that they show, (rows, CHANNELS); returns their number.
     std::ptrdiff_t shocks(std::int64_t *rows, double *change) const {
-        std::vector<Deviation> usual(blocks_ * AXES);
-        for (std::ptrdiff_t j = 0; j < blocks_; ++j)
-            for (int axis = 0; axis < AXES; ++axis) usual[j * AXES + axis] = range_of_usual(j, AXES + axis);
-        const auto pause = static_cast<std::ptrdiff_t>(std::nearbyint(limits_.pause_s / dt_));
         std::vector<std::uint8_t> beyond(count_ * AXES);
-        std::vector<Span> spans;
-        for (std::ptrdiff_t i = 0; i < count_; ++i) {
-            const Deviation *of_block = &usual[block_of(i) * AXES];
-            bool any = false;
+        for (std::ptrdiff_t j = 0; j < blocks_; ++j)
             for (int axis = 0; axis < AXES; ++axis) {
-                const double limit = std::max(of_block[axis].spread, limits_.fine_steps * step_[AXES + axis]);
-                const bool out = std::abs(at(i, AXES + axis) - of_block[axis].centre) > limit;
-                beyond[i * AXES + axis] = out;
-                any = any || out;
+                const Deviation usual = range_of_usual(j, AXES + axis);
+                if (!std::isfinite(usual.spread)) continue;
+                const double limit = std::max(usual.spread, limits_.fine_steps * extent_.step[AXES + axis]);
+                for (std::ptrdiff_t i = middle_of(j); i < middle_of(j + 1); ++i)
+                    beyond[i * AXES + axis] = std::abs(at(i, AXES + axis) - usual.centre) > limit;
             }
-            if (!any) continue;
-            if (!spans.empty() && (i == spans.back().end || i - spans.back().end < pause))
+        const auto pause = static_cast<std::ptrdiff_t>(std::nearbyint(limits_.pause_s / dt_));
+        std::vector<Span> spans;
+        for (auto out = beyond.begin(); (out = std::find(out, beyond.end(), 1)) != beyond.end(); ++out) {
+            const std::ptrdiff_t i = (out - beyond.begin()) / AXES;
+            if (!spans.empty() && i - spans.back().end < std::max<std::ptrdiff_t>(pause, 1))
                 spans.back().end = i + 1;
             else
                 spans.push_back({i, i + 1});
@@ -254,9 +292,7 @@ class Record {
         double centre, spread;
     };
 
-    double at(std::ptrdiff_t i, int channel) const {
-        return channel < AXES ? gyro_[i * AXES + channel] : accel_[i * AXES + channel - AXES];
-    }
+    double at(std::ptrdiff_t i, int channel) const { return samples_[i * CHANNELS + channel]; }
 
     static double middle(double (&values)[NEIGHBOURS]) {
         for (const double value : values)
@@ -268,6 +304,12 @@ class Record {
     // The block in whose middle a sample is.
     std::ptrdiff_t block_of(std::ptrdiff_t i) const {
         return i < length_ / 4 ? 0 : std::min((i - length_ / 4) / (length_ / 2), blocks_ - 1);
+    }
+
+    // The first sample in whose block's middle it is, (blocks + 1).
+    std::ptrdiff_t middle_of(std::ptrdiff_t block) const {
+        if (block == 0) return 0;
+        return block < blocks_ ? std::min(length_ / 4 + block * (length_ / 2), count_) : count_;
     }
 
     // The median of a block, and the median distance from it, or the largest.
@@ -291,23 +333,15 @@ class Record {
         return {all.centre, limits_.shock_spread * deviation(block, channel, true).spread};
     }
 
-    double rounding(std::ptrdiff_t block, int channel) const {
-        std::ptrdiff_t changes = 0;
-        for (std::ptrdiff_t i = starts_[block] + 1; i < starts_[block] + length_; ++i)
-            changes += std::abs(at(i, channel) - at(i - 1, channel)) > limits_.same;
-        const double values = static_cast<double>(changes) + 1.0;
-        return step_[channel] * step_[channel] / 12.0 * static_cast<double>(length_) * dt_ / values;
-    }
-
-    // Which samples are at an end of their range, (n, CHANNELS).
+    // Which samples are at an end of their range, (n, CHANNELS); nothing where too few are at any.
     std::vector<std::uint8_t> cut_off() const {
-        std::vector<std::uint8_t> out(count_ * CHANNELS);
-        for (int c = 0; c < CHANNELS; ++c) {
-            double lowest = HUGE_VAL, highest = -HUGE_VAL;
-            for (std::ptrdiff_t i = 0; i < count_; ++i)
-                lowest = std::min(lowest, at(i, c)), highest = std::max(highest, at(i, c));
-            for (const double sign : {1.0, -1.0}) cut_off_at(c, sign, sign > 0.0 ? highest : lowest, out);
-        }
+        std::vector<std::uint8_t> out;
+        for (int c = 0; c < CHANNELS; ++c)
+            for (const double sign : {1.0, -1.0}) {
+                if ((sign > 0.0 ? extent_.at_highest : extent_.at_lowest)[c] < limits_.extremes) continue;
+                out.resize(count_ * CHANNELS);
+                cut_off_at(c, sign, (sign > 0.0 ? extent_.highest : extent_.lowest)[c], out);
+            }
         return out;
     }
 
@@ -315,7 +349,6 @@ class Record {
         std::vector<std::ptrdiff_t> ends;
         for (std::ptrdiff_t i = 0; i < count_; ++i)
             if (std::abs(at(i, channel) - extreme) < limits_.same) ends.push_back(i);
-        if (static_cast<double>(ends.size()) < limits_.extremes) return;  // as a rule, and no median is needed
         std::vector<double> values(count_);
         for (std::ptrdiff_t i = 0; i < count_; ++i) values[i] = at(i, channel);
         const double centre = median(values), most = sign * (extreme - centre);
@@ -326,18 +359,19 @@ class Record {
         std::size_t near = 0;
         for (std::ptrdiff_t i = 0; i < count_; ++i) near += is_near(i);
         if (2 * ends.size() <= near || static_cast<double>(ends.size()) < limits_.extremes ||
-            !(most > limits_.fine_steps * step_[channel]))
+            !(most > limits_.fine_steps * extent_.step[channel]))
             return;
         for (const std::ptrdiff_t i : ends) out[i * CHANNELS + channel] = 1;
     }
 
-    const double *edges_, *gyro_, *accel_;
+    const double *edges_;
     const std::uint8_t *bridged_;
     const std::int64_t *starts_;
     std::ptrdiff_t count_, blocks_, length_;
     double dt_;
     Limits limits_;
-    double step_[CHANNELS];
+    std::vector<double> samples_;  // (count, CHANNELS)
+    Extent extent_;
 };
 
 Limits limits_of(const double *given) {
@@ -395,7 +429,10 @@ void noise_between(const Samples &samples, std::ptrdiff_t length, double dt, con
         for (std::ptrdiff_t j = 1; j < blocks; ++j) knots[j] = 0.5 * (centre(j) + centre(j - 1));
         lost.resize(count * CHANNELS), shock.resize(count * CHANNELS);
         const Record record(samples, starts.data(), blocks, length, dt, limits_of(rule.limits));
-        record.floor(seen.data());
+        const double *knot = knots.data(), *last = knot + blocks;
+        const auto first_block = std::max<std::ptrdiff_t>(std::upper_bound(knot, last, times[0]) - knot - 1, 0);
+        const auto last_block = std::max(std::lower_bound(knot, last, times[m]) - knot - 1, first_block);
+        record.floor(seen.data(), first_block, last_block);
         lost_t.resize(record.hidden(lost_rows.data(), lost.data()));
         shock_t.resize(record.shocks(shock_rows.data(), shock.data()));
         for (std::size_t j = 0; j < lost_t.size(); ++j) lost_t[j] = t[lost_rows[j]];
@@ -442,7 +479,7 @@ PyObject *noise_floor(PyObject *, PyObject *arguments) {
     Py_BEGIN_ALLOW_THREADS;
     const Record record({edges.data(), gyro.data(), accel.data(), bridged.data(), count}, starts.data(), blocks, length, dt,
                         limits_of(limits.data()));
-    record.floor(seen.data());
+    record.floor(seen.data(), 0, blocks - 1);
     hides = record.hidden(lost_rows.data(), lost.data());
     shows = record.shocks(shock_rows.data(), shock.data());
     Py_END_ALLOW_THREADS;

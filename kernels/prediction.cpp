@@ -38,6 +38,7 @@ class Mirrored {
 
   private:
     double sum(std::ptrdiff_t end) const {
+        if (end >= 0 && end <= count_) return before_[end];
         const std::ptrdiff_t period = 2 * count_;
         std::ptrdiff_t times = end / period, rest = end % period;
         if (rest < 0) --times, rest += period;
