@@ -77,8 +77,7 @@ def resample(
         near = slice(max(low - _BEYOND, 0), high + _BEYOND)
         at_nodes = nodes.values(value, near)
         cells = hermite_at(fine, node[near], at_nodes, spline_velocities(node[near], at_nodes))
-        for row in np.ndindex(value.shape[:-1]):
-            part[row] = _decimate(cells[row], taps)
+        part[...] = _decimate(cells, taps)
     reach_m = reach * cell
     known = (grid - reach_m >= node[0] - 0.5 * cell) & (grid + reach_m <= node[-1] + 0.5 * cell)
     for hole in np.flatnonzero(np.diff(node) > max_hole_m):
@@ -148,16 +147,17 @@ class _Nodes:
 
 
 def _decimate(fine: Array, taps: Array) -> Array:
-    """Return the low-pass of ``fine`` (cells,), where it fits, at every step.
+    """Return the low-pass of ``fine`` (..., cells), where it fits, at every step.
 
     Taps and cells are cut into steps: the products of each step's cells with all steps of taps are one matrix.
     """
-    count, steps = (len(fine) - len(taps)) // _CELLS + 1, -(-len(taps) // _CELLS)
-    of_step = np.pad(fine, (0, -len(fine) % _CELLS)).reshape(-1, _CELLS)
-    products = np.pad(taps, (0, -len(taps) % _CELLS)).reshape(steps, _CELLS) @ of_step.T
-    total = np.zeros(count)
+    count, steps = (fine.shape[-1] - len(taps)) // _CELLS + 1, -(-len(taps) // _CELLS)
+    of_step = np.zeros((*fine.shape[:-1], -(-fine.shape[-1] // _CELLS), _CELLS))
+    of_step.reshape(*fine.shape[:-1], -1)[..., : fine.shape[-1]] = fine
+    products = np.pad(taps, (0, -len(taps) % _CELLS)).reshape(steps, _CELLS) @ np.swapaxes(of_step, -1, -2)
+    total = np.zeros((*fine.shape[:-1], count))
     for step in range(steps):
-        total += products[step, step : step + count]
+        total += products[..., step, step : step + count]
     return total
 
 

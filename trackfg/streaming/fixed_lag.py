@@ -247,8 +247,8 @@ class FixedLagSmoother:
         feature_map = () if self._locator is None else (self._locator.feature_map,)
         return self.config, self._buffer.description, *feature_map
 
-    def _filtered_row(self, update: FilterUpdate) -> dict[str, Array]:
-        """Return the newest keyframe's row, by columns."""
+    def _filtered_row(self, update: FilterUpdate) -> Array:
+        """Return the newest keyframe's row, (17,)."""
         window, buffer = update.newest_keyframes, self._buffer
         two = window.states.take(slice(len(window) - 2, None))
         covariance = update.covariance.with_added_distance_variance(self._moving.votes.doubt_m**2)
@@ -262,7 +262,7 @@ class FixedLagSmoother:
         over, interval, end = np.array([RATE_WINDOW_S]), np.zeros(1, dtype=np.int64), np.ones(1)
         forward = mount_matrix(two.mount)[0, :, 0]
         motion = DenseMotion(at, two.nav[1:], two.odo.distance[1:], rate, over, interval, end, forward)
-        return trajectory_columns(run, motion, two, covariance)
+        return np.concatenate(list(trajectory_columns(run, motion, two, covariance).values()))
 
     def _work_due(self, *, at_end: bool = False) -> list[PassOutput]:
         """Do what is due besides filtered rows: a relinearisation pass, and the next piece of the tables."""
@@ -374,11 +374,8 @@ def _estimates_of(filtered: pd.DataFrame, outputs: list[PassOutput]) -> Estimate
     return Estimates(filtered, smoothed, geometry, tuple(event for output in outputs for event in output.events))
 
 
-def _table(rows: list[dict[str, Array]]) -> pd.DataFrame:
-    if not rows:
-        return NO_TRAJECTORY
-    table = np.array([[row[name][0] for name in TRAJECTORY_COLUMNS] for row in rows])
-    return pd.DataFrame(table, columns=NO_TRAJECTORY.columns)
+def _table(rows: list[Array]) -> pd.DataFrame:
+    return pd.DataFrame(np.stack(rows), columns=NO_TRAJECTORY.columns) if rows else NO_TRAJECTORY
 
 
 def _joined(tables: list[pd.DataFrame], none: pd.DataFrame) -> pd.DataFrame:

@@ -12,6 +12,7 @@ import numpy as np
 import pandas as pd
 
 from trackfg.numerics.arrays import Array
+from trackfg.results.columns import TRAJECTORY_COLUMNS
 from trackfg.results.events import DOUBT, Event
 from trackfg.smoothing.passage import STEP_M
 from trackfg.smoothing.straights import (
@@ -27,7 +28,8 @@ from trackfg.smoothing.straights import (
 _SIGMAS = 3.3
 """Of the mean roll, within which it is chance, at the probability of 1e-3 as of other doubts of a stream."""
 
-_COLUMNS = ["t_s", "speed_mps", "yaw_rad", "roll_rad", "roll_rad_sd"]
+_COLUMNS = [TRAJECTORY_COLUMNS.index(name) for name in ("t_s", "speed_mps", "yaw_rad", "roll_rad", "roll_rad_sd")]
+"""Where in a row of the trajectory these are."""
 
 
 @dataclass
@@ -49,8 +51,7 @@ class RollTest:
         """Take the next smoothed rows, whose columns are those of a trajectory."""
         if not len(smoothed):
             return
-        columns = [smoothed[column].to_numpy(dtype=np.float64) for column in _COLUMNS]
-        rows = np.concatenate([self.newest, np.column_stack(columns)])
+        rows = np.concatenate([self.newest, smoothed.to_numpy(dtype=np.float64)[:, _COLUMNS]])
         rows[:, 2] = np.unwrap(rows[:, 2])
         t, speed, heading, roll, sd = rows.T
         steps = 0.5 * np.abs(speed[1:] + speed[:-1]) * np.diff(t)

@@ -6,6 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from trackfg.results.columns import TRAJECTORY_COLUMNS
 from trackfg.results.events import DOUBT
 from trackfg.smoothing.passage import STEP_M
 from trackfg.smoothing.straights import straight, straightest
@@ -21,7 +22,8 @@ def rows(roll_deg: float, duration_s: float = 200.0) -> pd.DataFrame:
     cant = 0.1 * ((into > 0.0) & (into < 300.0))
     heading = np.angle(np.exp(1j * (np.pi - 0.01 + into / 300.0)))
     roll = np.radians(roll_deg) + cant + 1e-4 * np.sin(t)
-    return pd.DataFrame({"t_s": t, "speed_mps": SPEED_MPS, "yaw_rad": heading, "roll_rad": roll, "roll_rad_sd": SD_RAD})
+    known = {"t_s": t, "speed_mps": SPEED_MPS, "yaw_rad": heading, "roll_rad": roll, "roll_rad_sd": SD_RAD}
+    return pd.DataFrame(known, columns=list(TRAJECTORY_COLUMNS))
 
 
 def put_through(table: pd.DataFrame, *ends: int) -> RollTest:

@@ -18,6 +18,7 @@ from trackfg.graph.run_context import RunContext
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.chainage.chainage_grid import cells_of
 from trackfg.numerics.chainage.passes import passes
+from trackfg.numerics.float_table import float_table
 from trackfg.output.dense_motion import DenseMotion, dense_motion, dense_step
 from trackfg.output.event_sources import EventSources
 from trackfg.output.profile_samples import Points
@@ -151,19 +152,21 @@ class SmoothedTables:
         shapes = rails or (profiles(run, motion, states) if self.for_map else [])
         moved = self._moved(t, states, run.direction * run.conventions.step_m)
         until = float(t[-1]) if at_end else self._settled_place(t, states, settled_s)
-        table, rows = self._rows_passed(geometry_table(run, shapes, states, covariance, root), shapes, smoothed, until)
+        columns, rows = self._rows_passed(
+            geometry_table(run, shapes, states, covariance, root), shapes, smoothed, until
+        )
         place, distance = run.direction * run.conventions.step_m * rows.cell, states.odo.distance
         k, f = rows.keyframe, rows.fraction
         beyond = place - (1.0 - f) * distance[k] - f * distance[k + 1]
-        track = TrackPiece(table.copy(), rows.t, beyond, moved)
+        track = TrackPiece(float_table(columns), rows.t, beyond, moved)
         self.done_s, self.passed_s = max(self.done_s, settled_s), max(self.passed_s, until)
         self.distances = np.stack([t, distance])
-        table = table if rails else table.iloc[:0]
         passed_at = rows.t
         if self.context.description.laser:
             passed_at = _vehicle_at(place, passed_at, t, distance, motion)
-        table.insert(0, "t_s", passed_at[: len(table)])
-        return Tables(trajectory, table, events, track)
+        count = len(passed_at) if rails else 0
+        geometry = float_table({name: column[:count] for name, column in {"t_s": passed_at, **columns}.items()})
+        return Tables(trajectory, geometry, events, track)
 
     def _smoothed_run(self, buffer: SampleBuffer, inputs: TableInput) -> _SmoothedRun:
         t, states, root = self.history.joined_with(inputs.window, inputs.root)
@@ -191,13 +194,12 @@ class SmoothedTables:
 
     def _rows_passed(
         self, geometry: pd.DataFrame, shapes: Sequence[Profile], smoothed: _SmoothedRun, until: float
-    ) -> tuple[pd.DataFrame, _PassedRows]:
-        """Return the rows of the geometry that are due up to ``until``, s, in order of passing."""
+    ) -> tuple[dict[str, Array], _PassedRows]:
+        """Return the rows of the geometry that are due up to ``until``, s, in order of passing, by columns."""
         rows = _PassedRows.joined([self._passed(smoothed.t, profile, until) for profile in shapes])
         step_m = smoothed.run.conventions.step_m
-        table = geometry.iloc[np.searchsorted(cells_of(geometry, step_m), rows.cell)]
-        table.index = pd.RangeIndex(len(table))
-        return table, rows
+        due = np.searchsorted(cells_of(geometry, step_m), rows.cell)
+        return dict(zip(map(str, geometry), geometry.to_numpy().T[:, due], strict=True)), rows
 
     def _moved(self, t: Array, states: States, cell_m: float) -> int:
         """Return by how many steps of chainage places have moved since the last piece.

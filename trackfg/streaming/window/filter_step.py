@@ -10,7 +10,7 @@ the next keyframe, because their robust weights depend on it, and are then expre
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -50,9 +50,10 @@ class PredictedPair:
     @classmethod
     def of(cls, newest: Window, prediction: Prediction) -> PredictedPair:
         """Linearise the prediction from the newest keyframe, a window of one."""
-        pair, context = newest.extended(prediction.interval), prediction.motion.context
-        change, sigma = pair.response[1:] - pair.response[:1], walk_sigma(pair.t, context.description.imu.noise)
-        pair = replace(pair, families=(*pair.families, context.motion_factors.walk.measured(sigma, change=change)))
+        interval, context = prediction.interval, prediction.motion.context
+        sigma = walk_sigma(np.array([newest.t[0], interval.t]), context.description.imu.noise)
+        walk = context.motion_factors.walk.measured(sigma, change=-interval.response[None])
+        pair = newest.extended(interval._replace(families=(*interval.families, walk)))
         inertial = (family for family in pair.families if family.type not in OTHER_ROWS)
         return cls(prediction, pair, compressed(linearised_pair(pair.states, inertial, pair.inertial)))
 

@@ -100,14 +100,14 @@ def with_other_rows(prediction: Prediction, recording: Recording, wheel: Wheel |
         further = float(tach_excess(predicted.odo.scale, tach.counted, predicted.odo.step)[0])
         moved_sd = span * math.hypot(speed_sd, max(interval.measured.noise.accel.tolist()) * math.sqrt(span / 3.0))
         distance_sd = math.hypot(moved_sd, math.sqrt(2.0) * wheel.rounding_sd)
+        nav = predicted.nav
         if abs(further) < _ROLLING_SIGMAS * distance_sd:
-            nav, forward = predicted.nav, predicted.nav.R @ mount_matrix(predicted.mount)[0, :, 0]
+            forward = nav.R @ mount_matrix(predicted.mount)[0, :, 0]
             nav = Nav(nav.R, nav.p + further * forward, nav.v + further / span * forward)
-            predicted = replace(predicted, nav=nav)
         else:
             further = 0.0
         by_wheel = np.array([further, 0.0, more, further])
-        predicted = replace(predicted, odo=Odo(predicted.odo.array + by_wheel))
+        predicted = replace(predicted, nav=nav, odo=Odo(predicted.odo.array + by_wheel))
     families = (*interval.families, *tach.families, *_of_positions_and_others(motion, recording, wheel))
     return interval._replace(predicted=predicted, families=families)
 

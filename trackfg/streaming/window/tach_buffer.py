@@ -110,15 +110,17 @@ class TachBuffer:
         """
         fresh = rows[slice(*rows[:, 0].searchsorted([self.rows[-1, 0], until], side="right").tolist())]
         self._learn(fresh)
-        self.sense = old_sense = self._sense_at(speeds[0])
-        sense = np.where(fresh[:, 0] > newest_s, self._sense_at(speeds[1]), old_sense)
-        raw = np.concatenate([np.full(len(self.rows), self.raw), fresh[:, 1]])
-        turned = (raw[1:] - raw[:-1])[len(self.rows) - 1 :]
-        signed = self.rows[-1, 1] + np.cumsum(sense * turned)
-        every = np.concatenate([self.rows, np.column_stack([fresh[:, 0], signed])])
-        settled = max(int(np.searchsorted(every[:, 0], newest_s, side="right")), 1)
-        first = min(max(int(np.searchsorted(every[:, 0], newest_s - _KEPT_S)) - 1, 0), settled - 1)
-        self.rows, self.raw = every[first:settled], float(raw[settled - 1])
+        raw = np.concatenate([[self.raw], fresh[:, 1]])
+        turned = raw[1:] - raw[:-1]
+        if not self.signed:
+            self.sense = old_sense = self._sense_at(speeds[0])
+            turned *= np.where(fresh[:, 0] > newest_s, self._sense_at(speeds[1]), old_sense)
+        known = len(self.rows)
+        every = np.concatenate([self.rows, fresh])
+        every[known:, 1] = self.rows[-1, 1] + turned.cumsum()
+        settled = max(int(every[:, 0].searchsorted(newest_s, side="right")), 1)
+        first = min(max(int(every[:, 0].searchsorted(newest_s - _KEPT_S)) - 1, 0), settled - 1)
+        self.rows, self.raw = every[first:settled], float(raw[max(settled - known, 0)])
         return self._wheel(every, until, uncounted)
 
     def _sense_at(self, speed: float) -> float:
