@@ -90,7 +90,7 @@ def stream(options: StreamOptions) -> None:
 
     def opened(saved: Checkpoint | None) -> Stream:
         position = saved.position if saved is not None and not options.from_now else 0
-        rows = _source(options.source, real_time=options.real_time, position=position)
+        rows = _source(options, position)
         smoother = FixedLagSmoother(rows.description, settings, lag_s=options.lag, feature_map=feature_map)
         return Stream.of(rows, smoother, saved, from_now=options.from_now)
 
@@ -246,9 +246,11 @@ def _place(saved: Checkpoint, stream: Stream, options: StreamOptions) -> str:
     return where
 
 
-def _source(name: str, *, real_time: bool, position: int) -> Source:
-    from trackfg.streaming.sources.source import RecordingSource
+def _source(options: StreamOptions, position: int) -> Source:
+    from trackfg.streaming.sources.source import STORED_BATCH_S, RecordingSource
 
+    name, real_time = options.source, options.real_time
+    batch_s = min(STORED_BATCH_S, options.checkpoint_every or STORED_BATCH_S)  # a checkpoint comes after a batch
     if real_time and (name == _STANDARD or not Path(name).is_dir()):
         raise BadInputError(f"--real-time {name}: expected the folder of a recording: other rows come when they come")
     if name == _STANDARD:
@@ -258,7 +260,7 @@ def _source(name: str, *, real_time: bool, position: int) -> Source:
     if Path(name).is_file():
         from trackfg.streaming.sources.mcap import McapSource
 
-        return McapSource(name, position=position)
+        return McapSource(name, batch_s=batch_s, position=position)
     from trackfg.io.reader import read_recording
 
     recording = read_recording(name)
@@ -267,4 +269,6 @@ def _source(name: str, *, real_time: bool, position: int) -> Source:
     for section in _ONLY_SMOOTHED:
         if getattr(recording.description, section) is not None:
             complain(f"trackfg: warning: a stream does not use [{section}], as trackfg smooth does")
-    return RecordingSource(recording, speed=1.0 if real_time else None, position=position)
+    if real_time:
+        return RecordingSource(recording, speed=1.0, position=position)
+    return RecordingSource(recording, batch_s=batch_s, position=position)

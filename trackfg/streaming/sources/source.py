@@ -23,8 +23,10 @@ BATCH_S = 0.1
 """Length of a batch of rows that are waited for, s."""
 COMPARED_ROWS = 100
 """First rows of each table, or first lines, that identify a recording: no two have the same noise."""
-STORED_BATCH_S = 5.0
-"""Length of a batch of rows that are stored, s: fewer batches cost less, and a page still shows them go by."""
+STORED_BATCH_S = 20.0
+"""Length of a batch of rows that are stored, s: fewer batches cost less, and a page still shows them go by, some ten a
+second.
+"""
 
 
 @dataclass(frozen=True)

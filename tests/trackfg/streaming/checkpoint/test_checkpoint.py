@@ -323,7 +323,7 @@ def test_checkpoints_do_not_grow(tmp_path: Path) -> None:
             if not checkpoint.finished and checkpoint.until_s is not None and checkpoint.until_s > 40.0:
                 sizes.append(self.path.stat().st_size)
 
-    source = RecordingSource(simulate("shuttle", seed=1, duration_s=130.0).recording)
+    source = RecordingSource(simulate("shuttle", seed=1, duration_s=130.0).recording, batch_s=5.0)
     stream_of(source).run(ParquetParts(tmp_path), Measured(tmp_path / "checkpoint", every_s=9.0))
     assert len(sizes) >= 9
     assert max(sizes) < 2.0 * min(sizes) < 3e6

@@ -41,8 +41,8 @@ def test_every_row_comes_once(batch_s: float, recording: Recording) -> None:
 
 
 def test_a_position_leaves_out_what_was_read(recording: Recording) -> None:
-    whole = list(RecordingSource(recording))
-    rest = list(RecordingSource(recording, position=70_000))
+    whole = list(RecordingSource(recording, batch_s=5.0))
+    rest = list(RecordingSource(recording, batch_s=5.0, position=70_000))
     assert [batch.position for batch in rest] == [batch.position for batch in whole[14:]]
     np.testing.assert_array_equal(rest[0].tables["imu"], whole[14].tables["imu"])
 
