@@ -18,6 +18,7 @@ from trackfg.datasets.scenarios import simulate
 from trackfg.errors import BadInputError
 from trackfg.evaluation.geometry_errors import geometry_errors
 from trackfg.numerics.kernels import compiled_kernels
+from trackfg.recording.model import IMU_COLUMNS, Recording
 from trackfg.results.columns import GEOMETRY_COLUMNS, TRAJECTORY_COLUMNS
 from trackfg.results.result import Result
 from trackfg.streaming.fixed_lag import FixedLagSmoother
@@ -82,10 +83,22 @@ def test_a_step_of_the_whole_window_leaves_nothing_to_move(run: Any, monkeypatch
     assert max(lengths) < 1.0
 
 
-def test_how_rows_are_grouped_makes_no_difference(stream: Callable[..., Any]) -> None:
+def _with_shocks(recording: Recording) -> Recording:
+    """Return the recording with sideways shocks of two samples, of which the last is known only by what comes late."""
+    imu, across = recording.imu.copy(), IMU_COLUMNS[5]
+    for t, shock in ((20.0, 6.0), (21.0, 6.0), (22.0, 6.0), (23.0, 6.0), (35.0, 0.5)):
+        at = int(np.searchsorted(imu["t_s"] - imu["t_s"].iloc[0], t))
+        imu.loc[imu.index[at : at + 2], across] += shock
+    return replace(recording, imu=imu)
+
+
+@pytest.mark.parametrize(("changed", "longer_s"), [(lambda recording: recording, 1.7), (_with_shocks, 12.0)])
+def test_how_rows_are_grouped_makes_no_difference(
+    changed: Callable[[Recording], Recording], longer_s: float, stream: Callable[..., Any]
+) -> None:
     """Bit by bit with the compiled kernels; numpy rounds sums by where the record that is at hand begins."""
-    recording = simulate(setting_off("mainline"), seed=1, duration_s=37.0).recording
-    first, second = (stream(recording, lag_s=5.0, batch_s=batch_s) for batch_s in (0.1, 1.7))
+    recording = changed(simulate(setting_off("mainline"), seed=1, duration_s=37.0).recording)
+    first, second = (stream(recording, lag_s=5.0, batch_s=batch_s) for batch_s in (0.1, longer_s))
     for one, other in zip(first[1:4], second[1:4], strict=True):
         if compiled_kernels():
             pd.testing.assert_frame_equal(one, other, check_exact=True)

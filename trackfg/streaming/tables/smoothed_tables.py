@@ -33,7 +33,7 @@ from trackfg.solver.square_root import SquareRoot
 from trackfg.streaming.tables.settled_events import EventInput, SettledEvents
 from trackfg.streaming.window.marginalised import MarginalisedHistory
 from trackfg.streaming.window.noise_record import NoiseRecord
-from trackfg.streaming.window.sample_buffer import SampleBuffer
+from trackfg.streaming.window.sample_buffer import AFTER_S, SampleBuffer
 from trackfg.streaming.window.stream_context import StreamContext
 from trackfg.streaming.window.tach_buffer import TachBuffer
 from trackfg.streaming.window.window import Window
@@ -170,7 +170,8 @@ class SmoothedTables:
 
     def _smoothed_run(self, buffer: SampleBuffer, inputs: TableInput) -> _SmoothedRun:
         t, states, root = self.history.joined_with(inputs.window, inputs.root)
-        data = buffer.inertial
+        # Not all rows that have come: noise is judged by a whole record, and batches of any length shall give the same.
+        data = buffer.intervals(-np.inf, float(t[-1]) + AFTER_S)
         run = self.context.run_of(t, data, self.context.noise_of(t, data, inputs.noise))
         covariance = posterior_covariance(root).with_added_distance_variance(inputs.doubt_m**2)
         if inputs.chainage is not None:
