@@ -259,7 +259,9 @@ class States(Outlined):
         moved = tuple(np.empty_like(values) for values in self.arrays)
         compiled.retract(self.arrays, kernel_argument(step.keyframes), kernel_argument(step.shared), in_chart, moved)
         R, p, v, bias, odo, mount, clock, imu, wheel = moved
-        return States(Nav(R, p, v), bias, Odo(odo), mount, clock, imu, wheel, self.sensor + step.of(Kind.SENSOR))
+        states = States(Nav(R, p, v), bias, Odo(odo), mount, clock, imu, wheel, self.sensor + step.of(Kind.SENSOR))
+        vars(states)["arrays"] = moved
+        return states
 
     def moved_along(self, by_m: float) -> States:
         """Return the states ``by_m`` further along the track."""
