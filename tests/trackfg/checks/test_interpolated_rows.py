@@ -91,7 +91,7 @@ def test_a_slow_sensor_at_a_higher_rate_is_none_either() -> None:
 
 
 def test_a_short_hole_stays_filled() -> None:
-    assert not interpolated_times(IMU, filled(riding(), FIRST, FIRST + 5)).size
+    assert not interpolated_times(IMU, filled(riding(), FIRST, FIRST + 2)).size
 
 
 def test_a_record_that_ends_in_a_hole_keeps_its_last_row() -> None:

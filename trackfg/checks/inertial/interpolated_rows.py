@@ -2,10 +2,10 @@
 
 They look like measurements of a very quiet sensor, and are none: a curve that began within the hole is not in them.
 A row is *in line* where each of its six channels is, with the two rows before, on one line in time, up to a hundredth
-of the declared noise of a sample. Noise does so once in 10^14 rows, but that of a sensor far better than declared does
-now and then. So a run of such rows is judged from 0.05 s on: rows were interpolated where they keep to one line all
-the way, and where four channels or more change by three times as much. The change is that between two noisy samples,
-and of the motion between them. A smooth motion is not in line for so long, or does not change so many channels.
+of the noise of a sample. Noise does so once in 10^14 rows. Three such rows and more, a run, were interpolated where
+they keep to one line all the way, and where four channels or more change by three times as much: the change is that
+between two noisy samples, and of the motion between them. The noise is the declared one, or less where the distances
+of rows from such lines are less, as the medians of blocks show them; before the first block all rows pass.
 
 The first row of a run is seen to be one only by the second: it passes. So does the last, which was measured. How rows
 are grouped makes no difference.
@@ -23,7 +23,7 @@ from trackfg.numerics.units import to_si
 from trackfg.recording.description import Imu
 
 _IN_LINE = 0.01
-"""Distance from a line, in declared sigmas of a sample: that of rounding."""
+"""Distance from a line, in sigmas of a sample: that of rounding."""
 
 _CHANGED = 3.0
 """Least change of a channel from the beginning on, in such distances."""
@@ -31,29 +31,37 @@ _CHANGED = 3.0
 _FEWEST_CHANGED = 4
 """So many of the six channels change: a sensor with coarse steps, or without noise, does so in a few at most."""
 
-_JUDGED_S = (0.05, 0.1, 0.2, 0.4, 0.8)
-"""A run is judged when it is as long, s. Shorter ones pass, as shorter holes are interpolated
-(:mod:`trackfg.sensors.imu_intervals`); in a hole of seconds values change slowly."""
+_JUDGED_S = (0.0, 0.05, 0.1, 0.2, 0.4, 0.8)
+"""A run is judged as soon as it can be, and again when it is as long, s: in a hole of seconds values change slowly."""
 
-_FEWEST_ROWS = 4
-"""So do runs of fewer rows."""
+_FEWEST_ROWS = 3
+"""Runs of fewer rows pass."""
 
 _MOST = 0.5
 """Share of rows in line above which nothing was filled: the rows of a slow sensor were brought to a higher rate."""
 
+_BLOCK_ROWS = 256
+"""Rows of a block that shows the noise."""
+
+_PERIOD_ROWS = 16384
+"""One block in so many rows is looked at."""
+
 _AT_ONCE = 4096
 """Rows of a record that are looked at in one piece, so that they stay in the cache."""
+
+_OF_NOISE = 0.6745 * np.sqrt(6.0)
+"""Median distance of a row from the line through the two before, in sigmas: it is x_k - 2 x_k-1 + x_k-2."""
 
 
 @dataclass
 class InterpolatedRows:
-    """Tells measurements from interpolated rows, as they come. ``white`` (6,): declared densities of the noise, in the
-    units of the rows per sqrt(Hz).
+    """Tells measurements from interpolated rows, as they come. ``white`` (6,): densities of the noise, in the units of
+    the rows per sqrt(Hz), the declared ones at first.
 
     ``newest`` (2, 7) or less: the newest rows. ``waiting`` (w, 7): rows of a run that is not judged yet, after the row
     ``begin`` (7,); of one that was interpolated its newest row, which may be a measurement. ``interpolated``: what the
     run of the newest row was found to be; None where it is in no run, or that is not judged yet. ``count``: how many
-    rows came, and how many of them were in line.
+    rows came, and how many of them were in line. ``block`` (b, 7): rows so far of one that will show the noise.
     """
 
     white: Array
@@ -62,6 +70,7 @@ class InterpolatedRows:
     waiting: Array = field(default_factory=lambda: np.empty((0, 7)))
     interpolated: bool | None = None
     count: tuple[int, int] = (0, 0)
+    block: Array = field(default_factory=lambda: np.empty((0, 7)))
 
     @classmethod
     def of(cls, imu: Imu, *, is_canonical: bool) -> InterpolatedRows:
@@ -73,8 +82,20 @@ class InterpolatedRows:
 
     def take(self, rows: Array) -> tuple[Array, Array]:
         """Take the next rows (n, 7), in order: return those that are measurements, and the times of others (m,), s."""
-        if not len(rows):
-            return rows, np.empty(0)
+        pieces = []
+        while len(rows):
+            begun = self.count[0] % _PERIOD_ROWS
+            room = (_BLOCK_ROWS if begun < _BLOCK_ROWS else _PERIOD_ROWS) - begun
+            pieces.append(self._take(rows[:room]))
+            if begun < _BLOCK_ROWS:
+                self._learn(rows[:room])
+            rows = rows[room:]
+        if len(pieces) == 1:
+            return pieces[0]
+        kept, lost = zip((rows, np.empty(0)), *pieces, strict=True)
+        return np.concatenate(kept), np.concatenate(lost)
+
+    def _take(self, rows: Array) -> tuple[Array, Array]:
         with_newest = np.concatenate([self.newest, rows])
         in_line = self._in_line(with_newest)[len(self.newest) :]
         start, verdict = with_newest[len(self.newest) - 1], None
@@ -116,6 +137,17 @@ class InterpolatedRows:
         """Time of the first row that waits, s; infinite where none does."""
         return float(self.waiting[0, 0]) if len(self.waiting) else np.inf
 
+    def _learn(self, rows: Array) -> None:
+        """Learn from rows of a block how small the noise is, once it is whole."""
+        self.block = np.concatenate([self.block, rows])
+        if len(self.block) < _BLOCK_ROWS:
+            return
+        block, self.block = self.block, self.block[:0]
+        dt, moved = np.diff(block[:, 0]), np.diff(block[:, 1:], axis=0)
+        distance = np.abs(moved[1:] - moved[:-1])[~self._in_line(block)[2:]]
+        if 2 * len(distance) > _BLOCK_ROWS:
+            self.white = np.minimum(self.white, np.median(distance, axis=0) / _OF_NOISE * np.sqrt(np.median(dt)))
+
     def _in_line(self, rows: Array) -> np.ndarray:
         """Return which of the rows (n, 7) are in line with the two before. Shape (n,)."""
         in_line = np.zeros(len(rows), dtype=bool)
@@ -145,7 +177,7 @@ class InterpolatedRows:
             duration, change = offsets[length - 1, 0], offsets[length - 1, 1:]
             tolerance = _IN_LINE * self.white / np.sqrt(duration / length)
             distance = offsets[:length, 1:] - offsets[:length, :1] / duration * change
-            if mostly[length - 1] or (np.abs(distance) > tolerance).any():
+            if self.count[0] <= _BLOCK_ROWS or mostly[length - 1] or (np.abs(distance) > tolerance).any():
                 return False
             if np.count_nonzero(np.abs(change) > _CHANGED * tolerance) >= _FEWEST_CHANGED:
                 return True
