@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
-from scipy.linalg import solve_banded
+from scipy.linalg.lapack import dtbtrs
 from scipy.ndimage import gaussian_filter1d
 
 from trackfg.numerics.arrays import Array
@@ -118,9 +118,9 @@ def _moments(count: int) -> tuple[Array, Array, Array, Array]:
 def _weighted(x: Array) -> Array:
     """Return the sums of x (n, c) with weights ``exp(-|s| / crossover)`` around each sample."""
     decay = np.exp(-_GRID_S / _CROSSOVER_S)
-    recursion = np.stack([np.ones(len(x)), np.full(len(x), -decay)])  # y_k - decay y_{k-1} = x_k, as a banded system
-    forward = solve_banded((1, 0), recursion, x)
-    backward = solve_banded((1, 0), recursion, x[::-1])[::-1]
+    recursion = np.stack([np.ones(len(x)), np.full(len(x), -decay)])  # y_k - decay y_{k-1} = x_k, as a banded triangle
+    forward = dtbtrs(recursion, x, uplo="L")[0]
+    backward = dtbtrs(recursion, x[::-1], uplo="L")[0][::-1]
     return np.asarray(forward + backward - x)
 
 
