@@ -84,16 +84,16 @@ class InterpolatedRows:
         """Take the next rows (n, 7), in order: return those that are measurements, and the times of others (m,), s."""
         pieces = []
         while len(rows):
-            begun = self.count[0] % _PERIOD_ROWS
-            room = (_BLOCK_ROWS if begun < _BLOCK_ROWS else _PERIOD_ROWS) - begun
+            place = self.count[0] % _PERIOD_ROWS
+            room = (_BLOCK_ROWS if place < _BLOCK_ROWS else _PERIOD_ROWS) - place
             pieces.append(self._take(rows[:room]))
-            if begun < _BLOCK_ROWS:
+            if place < _BLOCK_ROWS:
                 self._learn(rows[:room])
             rows = rows[room:]
         if len(pieces) == 1:
             return pieces[0]
-        kept, lost = zip((rows, np.empty(0)), *pieces, strict=True)
-        return np.concatenate(kept), np.concatenate(lost)
+        measurements, interpolated = zip((rows, np.empty(0)), *pieces, strict=True)
+        return np.concatenate(measurements), np.concatenate(interpolated)
 
     def _take(self, rows: Array) -> tuple[Array, Array]:
         with_newest = np.concatenate([self.newest, rows])
@@ -143,8 +143,8 @@ class InterpolatedRows:
         if len(self.block) < _BLOCK_ROWS:
             return
         block, self.block = self.block, self.block[:0]
-        dt, moved = np.diff(block[:, 0]), np.diff(block[:, 1:], axis=0)
-        distance = np.abs(moved[1:] - moved[:-1])[~self._in_line(block)[2:]]
+        dt, step = np.diff(block[:, 0]), np.diff(block[:, 1:], axis=0)
+        distance = np.abs(step[1:] - step[:-1])[~self._in_line(block)[2:]]
         if 2 * len(distance) > _BLOCK_ROWS:
             self.white = np.minimum(self.white, np.median(distance, axis=0) / _OF_NOISE * np.sqrt(np.median(dt)))
 
