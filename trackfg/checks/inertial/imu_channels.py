@@ -63,7 +63,7 @@ def _interpolated(imu: Imu, rows: Array) -> list[Finding]:
     if not t.size:
         return []
     row = int(np.searchsorted(rows[:, 0], t[0]))
-    message = f"{len(t)} rows in which all six channels lie on straight lines, first here: a hole was filled"
+    message = f"{len(t)} rows in which all six channels lie on straight lines, first here: holes were filled"
     hint = "remove the rows: a gap is bridged honestly, invented samples are not; the smoother does without them"
     place = ColumnPlace(imu.file, None, rows[:, 0])
     return [place.at_row(row, "rows-interpolated", message, "samples", hint, "warning")]

@@ -280,8 +280,8 @@ _MEANINGS = {
         _RANGE,
     ),
     "interpolated": (
-        "lie on straight lines: a hole was filled by interpolation",
-        "leave the hole in the file: it is bridged all the same, and check sees it",
+        "lie on straight lines: holes were filled by interpolation",
+        "leave holes in the file: they are bridged all the same, and check sees them",
     ),
 }
 """What the columns of a fault do, and a hint, by its code."""
