@@ -49,6 +49,8 @@ _PERIOD_ROWS = 16384
 _AT_ONCE = 4096
 """Rows of a record that are looked at in one piece, so that they stay in the cache."""
 
+_TINY = float(np.finfo(float).tiny)
+
 _OF_NOISE = 0.6745 * np.sqrt(6.0)
 """Median distance of a row from the line through the two before, in sigmas: it is x_k - 2 x_k-1 + x_k-2."""
 
@@ -97,17 +99,18 @@ class InterpolatedRows:
 
     def _take(self, rows: Array) -> tuple[Array, Array]:
         with_newest = np.concatenate([self.newest, rows])
-        in_line = self._in_line(with_newest)[len(self.newest) :]
-        start, verdict = with_newest[len(self.newest) - 1], None
+        matches, start, verdict = self._in_line(with_newest), with_newest[len(self.newest) - 1], None
         self.newest = with_newest[-2:]
         count, count_in_line = self.count
-        self.count = count + len(rows), count_in_line + int(np.count_nonzero(in_line))
-        if len(self.waiting) or (self.interpolated is not None and in_line[0]):
-            start, verdict = self.begin, self.interpolated
-        elif not in_line.any():
+        self.count = count + len(rows), count_in_line + int(np.count_nonzero(matches))
+        if not (len(self.waiting) or matches.any()):
             self.interpolated = None
             return rows, np.empty(0)
-        in_line = np.concatenate([np.ones(len(self.waiting), dtype=bool), in_line])
+        in_line = np.zeros(len(self.waiting) + len(rows), dtype=bool)
+        in_line[: len(self.waiting)] = True
+        in_line[len(in_line) - len(matches) :] = matches
+        if len(self.waiting) or (self.interpolated is not None and in_line[0]):
+            start, verdict = self.begin, self.interpolated
         rows = np.concatenate([self.waiting, rows])
         counts = np.arange(1, len(rows) + 1) + count - len(self.waiting)
         mostly = count_in_line - len(self.waiting) + np.cumsum(in_line) > _MOST * counts
@@ -144,24 +147,21 @@ class InterpolatedRows:
             return
         block, self.block = self.block, self.block[:0]
         dt, step = np.diff(block[:, 0]), np.diff(block[:, 1:], axis=0)
-        distance = np.abs(step[1:] - step[:-1])[~self._in_line(block)[2:]]
+        distance = np.abs(step[1:] - step[:-1])[~self._in_line(block)]
         if 2 * len(distance) > _BLOCK_ROWS:
             self.white = np.minimum(self.white, np.median(distance, axis=0) / _OF_NOISE * np.sqrt(np.median(dt)))
 
     def _in_line(self, rows: Array) -> np.ndarray:
-        """Return which of the rows (n, 7) are in line with the two before. Shape (n,)."""
-        in_line = np.zeros(len(rows), dtype=bool)
-        if len(rows) < 3:
-            return in_line
-        dt = np.maximum(np.diff(rows[:, 0], prepend=-np.inf), np.finfo(float).tiny)
-        k = np.arange(2, len(rows))
-        for channel, white in enumerate(self.white, 1):  # of 300 rows, one is in line by its first channel
-            x = rows[:, channel]
-            distance = x[k] - x[k - 1] - dt[k] / dt[k - 1] * (x[k - 1] - x[k - 2])
-            k = k[np.abs(distance) <= _IN_LINE * white / np.sqrt(dt[k])]
-            if not k.size:
-                return in_line
-        in_line[k] = True
+        """Return which rows from the third of n on are in line with the two before. Shape (n - 2,), or (0,)."""
+        t = rows[:, 0]
+        dt = np.maximum(t[1:] - t[:-1], _TINY)
+        ratio, limit = dt[1:] / dt[:-1], _IN_LINE / np.sqrt(dt[1:])
+        in_line = np.ones(len(ratio), dtype=bool)
+        for channel, white in enumerate(self.white.tolist(), 1):
+            step = rows[1:, channel] - rows[:-1, channel]
+            in_line &= np.abs(step[1:] - ratio * step[:-1]) <= white * limit
+            if not in_line.any():  # one row in 300 is, by its first channel
+                break
         return in_line
 
     def _judged(self, begin: Array, run: Array, mostly: np.ndarray) -> bool | None:
