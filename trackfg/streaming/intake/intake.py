@@ -156,7 +156,9 @@ class Intake:
         return Rows.of(tables, until_s, self.gnss_origin)
 
     def _measurements(self, rows: Array, interpolated: Array) -> Array:
-        """Return which of rows are measurements; ``interpolated``: times of rows that were not even given, s."""
+        """Return which rows (n, 7) are measurements, and report the others; ``interpolated``: times of those that have
+        been left out, s.
+        """
         self.report.lose("interpolated", "imu", interpolated)
         measurements, faults = self.imu_faults.take(rows)
         for fault in faults:
