@@ -21,6 +21,9 @@ from trackfg.recording.model import IMU_COLUMNS
 _MOST_PER_SAMPLE = 10
 """With more intervals than so many for each sample of the IMU, nearly all are in gaps."""
 
+_ROUNDING = 1e-13
+"""Share of the largest value below which one that an FFT gives is rounding."""
+
 _REACH = 4.0
 """A Gaussian average reaches so many of its standard deviations to either side, as SciPy's do."""
 
@@ -104,6 +107,7 @@ def band_passed(values: Array, valid: np.ndarray, step_s: float, short_s: float,
     whole = int(_REACH * max(short_s, long_s) / step_s + 0.5)
     kernel = _gaussian(short_s / step_s, whole) - _gaussian(long_s / step_s, whole)
     out = convolve_inside(np.pad(bridged, whole, mode="symmetric"), kernel)
+    out[np.abs(out) <= _ROUNDING * np.max(np.abs(bridged))] = 0.0  # a tach at rest has no acceleration
     reach = max(1, round(3.0 * short_s / step_s))
     known = binary_erosion(valid, iterations=reach)
     return np.where(known, out, 0.0)

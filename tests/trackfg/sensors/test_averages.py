@@ -39,6 +39,17 @@ def test_a_band_has_no_part_in_what_is_constant_and_keeps_what_is_between() -> N
     np.testing.assert_allclose(kept, gain * wave[middle], atol=0.01)
 
 
+def test_what_rests_has_nothing_in_a_band() -> None:
+    """An acceleration of 0 marks a tach at rest: rounding would be one."""
+    acceleration = np.zeros(4000)
+    acceleration[1000:1100] = 0.7
+    kept = band_passed(acceleration, np.ones(4000, dtype=bool), 0.05, 0.4, 3.0)
+    reach = round(4.0 * 3.0 / 0.05)
+    assert not kept[: 1000 - reach].any()
+    assert not kept[1100 + reach :].any()
+    assert (kept[1000:1100] != 0.0).all()
+
+
 def test_a_jump_of_the_clock_takes_no_memory() -> None:
     """Fifty years at two intervals a second are 3e9 intervals, for a thousand samples."""
     t = np.arange(1000) / 100.0 + np.where(np.arange(1000) < 500, 0.0, 1.6e9)
