@@ -34,6 +34,8 @@ from trackfg.numerics.spans import median_interval, true_runs
 from trackfg.recording.model import Recording
 
 _NO_BIAS = np.zeros(3)
+_SAME_S = 1e-9
+"""Times nearer than this, s, are equal but for rounding."""
 AT_REST_M = 1e-3
 """An interval over which the vehicle moves less, m, has no length to average over."""
 
@@ -68,6 +70,10 @@ class Intervals(Outlined):
 
             return compiled.median_step(kernel_argument(self.edges))
         return median(self.durations)
+
+    def bridged_from(self, t: Array) -> np.ndarray:
+        """Return whether the record is bridged from each of some edges on, at ``t`` (m,), s. Shape (m,)."""
+        return np.asarray(self.bridged[np.searchsorted(self.edges, t - _SAME_S)])
 
     def gaps(self) -> Array:
         """Bridged spans as rows (start, end), s. Shape (g, 2)."""

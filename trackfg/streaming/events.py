@@ -35,7 +35,7 @@ LOSS_KINDS = {
     "contradicted": "speeds that the receiver's positions, or the tach, contradict, as those in another unit",
     "held": "the values of a row before again: the table is written faster than the receiver measures",
     "impossible-value": "beyond what the sensor of a rail vehicle shows, or far beyond all before",
-    "interpolated": "all six channels lie on straight lines: a hole was filled by interpolation",
+    "interpolated": "all six channels lie on straight lines: holes were filled by interpolation",
 }
 """Kinds of events that count rows which were not passed on, and what each means."""
 

@@ -25,7 +25,7 @@ def findings(imu: Imu, table: pd.DataFrame, limits: CheckLimits) -> list[Finding
     """Return warnings about the sensor's own columns (``table`` is in body axes and is turned back)."""
     rows = table[list(IMU_COLUMNS)].to_numpy()
     detector = ImuFaultDetector.of(imu, limits, is_canonical=True)
-    faults = [fault for fault in detector.take(rows)[1] if fault.code == "stuck-channel"]
+    faults = [fault for fault in detector.taken(rows)[1] if fault.code == "stuck-channel"]
     t, sensor = rows[:, 0], detector.in_sensor_axes(rows)[:, 1:]
     report = [*_repeated(imu, t, sensor, limits), *_interpolated(imu, rows)]
     same = np.diff(sensor, axis=0) == 0.0

@@ -50,6 +50,7 @@ _AT_ONCE = 4096
 """Rows of a record that are looked at in one piece, so that they stay in the cache."""
 
 _TINY = float(np.finfo(float).tiny)
+"""Least interval of two rows, s: one with the time of the row before divides nothing by 0."""
 
 _OF_NOISE = 0.6745 * np.sqrt(6.0)
 """Median distance of a row from the line through the two before, in sigmas: it is x_k - 2 x_k-1 + x_k-2."""

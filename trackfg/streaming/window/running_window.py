@@ -82,8 +82,6 @@ that one are still enough for the simulated lines.
 _CERTAIN_SIGMAS = 3.0
 """A vehicle whose speed is so many sigmas from 0 moves: at a rest of minutes an inertial sensor alone may show 0.3 m/s.
 """
-_EDGE_S = 1e-9
-"""Keyframes are on edges of the inertial record, but for rounding, s."""
 _ROLLING = 0.9
 """Minimum probability that the wheel rolls; below it the recent keyframes are solved again."""
 
@@ -299,11 +297,6 @@ class RunningWindow:
             self.predicted = PredictedPair.of(self.newest, prediction._replace(interval=weighed))
         return self.predicted
 
-    def _bridged(self, t: Array) -> np.ndarray:
-        """Return whether the inertial record was bridged from each of the keyframes at ``t`` (n,), s, to the next."""
-        data = self.buffer.inertial
-        return np.asarray(data.bridged[np.searchsorted(data.edges, t[:-1] - _EDGE_S)])
-
     def _filter_step(self, pair: PredictedPair, interval: Interval) -> FilterResult | None:
         """Return the filter step's result; None where it is not to be trusted."""
         if not self.heading_known:
@@ -430,7 +423,9 @@ class RunningWindow:
         groups: dict[str, Residuals] = {}
         if adapts:
             covariance = posterior_covariance(step.root)
-            groups = group_residuals(window, window.states, covariance, self._bridged(window.t))
+            groups = group_residuals(
+                window, window.states, covariance, self.buffer.inertial.bridged_from(window.t[:-1])
+            )
         ratios, changes = ratios_of(groups), False
         for record, doubted in ((self.gnss, self.speed_doubted), (self.gnss_speeds, False)):
             level = float(np.median(record.usual))

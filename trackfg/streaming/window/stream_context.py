@@ -53,7 +53,7 @@ class StreamContext:
         levels = noise.at(t[:-1])
         assumed = noise_seen(data, t, *declared_noise(self.description, self.config), noise.shown)
         seen = WhiteNoise(assumed.gyro * levels[:, :1], assumed.accel * levels[:, 1:])
-        return seen.over_holes(self.run_of(t, data, seen).bridged, *hole_noise(self.config))
+        return seen.over_holes(data.bridged_from(t[:-1]), *hole_noise(self.config))
 
     def run_of(self, t: Array, data: Intervals, noise: WhiteNoise) -> RunContext:
         """Return the context of keyframes at ``t`` (n,), on edges of the inertial ``data`` with this noise."""

@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
-import pandas as pd
 import pytest
 
+from trackfg.config import SmoothConfig
 from trackfg.datasets.scenarios import Simulation, simulate
 from trackfg.evaluation.geometry_errors import geometry_errors
 from trackfg.smoothing.smoother import smooth
-from trackfg.streaming.fixed_lag import FixedLagSmoother
-from trackfg.streaming.intake.intake import Intake
-from trackfg.streaming.sources.source import RecordingSource
 
 HOLES_S = ((60.0, 60.6), (70.0, 70.9), (80.0, 80.2))
 """Shorter than the time between keyframes, 1 s or 20 m: nothing is estimated within."""
@@ -29,22 +28,14 @@ def run() -> Simulation:
     return replace(run, recording=replace(run.recording, imu=run.recording.imu[kept].reset_index(drop=True)))
 
 
-def streamed(run: Simulation) -> tuple[pd.DataFrame, pd.DataFrame]:
-    source = RecordingSource(run.recording)
-    smoother, intake = FixedLagSmoother(source.description, lag_s=10.0), Intake.of(source)
-    estimates = [smoother.put(intake.push(batch)[0]) for batch in source]
-    estimates += [smoother.put(intake.finish()[0]), smoother.finish()]
-    trajectory, geometry = ([getattr(one, name) for one in estimates] for name in ("smoothed", "geometry"))
-    return tuple(pd.concat([table for table in tables if len(table)]) for tables in (trajectory, geometry))
-
-
 @pytest.mark.parametrize("how", ["batch", "stream"])
-def test_sigmas_hold_over_holes_without_a_keyframe(run: Simulation, how: str) -> None:
+def test_sigmas_hold_over_holes_without_a_keyframe(run: Simulation, how: str, stream: Callable[..., Any]) -> None:
     if how == "batch":
         result = smooth(run.recording)
         trajectory, geometry = result.trajectory, result.geometry
     else:
-        trajectory, geometry = streamed(run)
+        streamed = stream(run.recording, lag_s=10.0, config=SmoothConfig())
+        trajectory, geometry = streamed.smoothed, streamed.geometry
     errors = geometry_errors(geometry, trajectory, run.truth, run.truth_geometry)
     for begin, end in HOLES_S:
         place = np.interp([begin, end], trajectory["t_s"], trajectory["chainage_m"])
