@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 
-from trackfg.datasets.effects.clocks import ClockJump, DelayedStamps, FilledHoles
+from trackfg.datasets.effects.clocks import ClockJump, DelayedStamps, FilledHoles, LateAccelerometer
 from trackfg.datasets.effects.driving import Creeping, LongRest, TurningEarth
 from trackfg.datasets.effects.inertial import LowCost, Noise, Warming
 from trackfg.datasets.effects.mounting import LeverArm, RoughTrack, SpringRoll, Tilt
@@ -182,6 +182,13 @@ EFFECTS: dict[str, EffectKind] = {
         "s",
         (0.1, 1.5),
         "packets of a serial line; the log of the KITTI drive has holes of 1.6 s",
+    ),
+    "late-accelerometer": EffectKind(
+        "an accelerometer later than the gyro",
+        LateAccelerometer,
+        "ms",
+        (5.0, 20.0),
+        "MPU-6050 register map: low passes of 44 and 5 Hz are late by 4.9 and 19 ms; others set them apart",
     ),
     "creeping": EffectKind("creeping along at 0.2 to 1 times the speed", Creeping, "m/s", (0.5, 0.1), _ASSUMED),
     "earth-no-heading": EffectKind(

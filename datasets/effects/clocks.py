@@ -1,11 +1,15 @@
-"""Errors of a logger: stamps on arrival, a jump of the clock, lost samples in whose place it writes others."""
+"""Errors of a logger: stamps on arrival, a jump of the clock, lost samples in whose place it writes others, forces that
+are later than rates.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 
+from trackfg.datasets.effects.samples import Samples
 from trackfg.datasets.scenario import Effect
 from trackfg.datasets.vehicle.ride import Ride
 from trackfg.recording.model import Recording
@@ -65,3 +69,16 @@ class FilledHoles(Effect):
             return replace(recording, imu=left)
         filled = {name: np.interp(t, left["t_s"], left[name]) for name in imu.columns if name != "t_s"}
         return replace(recording, imu=imu.assign(**filled))
+
+
+@dataclass(frozen=True)
+class LateAccelerometer(Effect):
+    """The accelerometer's samples are ``magnitude`` milliseconds later than the gyro's. For the oracle: no delay."""
+
+    def recorded(self, recording: Recording, ride: Ride, rng: np.random.Generator) -> Recording:
+        """See :class:`~trackfg.datasets.scenario.Effect`."""
+        if self.for_oracle:
+            return recording
+        samples = Samples.of(recording)
+        force = CubicSpline(samples.t_s, samples.accel)(np.maximum(samples.t_s - 1e-3 * self.magnitude, samples.t_s[0]))
+        return replace(samples, accel=force).into(recording)

@@ -30,6 +30,7 @@ from trackfg.recording.description import Imu, Tach
 from trackfg.recording.findings import Finding
 from trackfg.recording.model import Recording
 from trackfg.recording.unmeasured_rows import unmeasured_in
+from trackfg.sensors.accelerometer_clock import AccelerometerClock
 from trackfg.sensors.tach import with_sense
 
 _TOML = "recording.toml"
@@ -62,6 +63,7 @@ def contradictions(recording: Recording, estimates: Estimates, limits: CheckLimi
         *_turns(recording, estimates.positions.course),
         *_mounting(force, limits),
         *_clock(description.tach, estimates.clock_offset),
+        *_accelerometer(description.imu, estimates.accelerometer_clock),
         *_bias(recording, estimates.static_bias),
         *_noise(estimates.noise_density, limits),
         *_speed(description.tach, force, limits),
@@ -180,6 +182,15 @@ def _clock(tach: Tach | None, offset: ClockOffset | None) -> list[Finding]:
     message = f"the tach's clock is off by {offset.offset_s:+.3f} s (sd {offset.sd_s:.3f} s)"
     hint = f"set tach.time_offset_s = {tach.time_offset_s + offset.offset_s:.3f}, or have it estimated"
     return [_warning("clock-offset", message, "tach.time_offset_s", "0", hint)]
+
+
+def _accelerometer(imu: Imu, clock: AccelerometerClock | None) -> list[Finding]:
+    """Return a finding where the accelerometer's samples are surely later or earlier than the gyro's."""
+    if clock is None or not clock.is_sure:
+        return []
+    columns, hint = ", ".join(imu.accel), "filter both alike; trackfg smooth moves the samples, a stream does not"
+    about = Finding("warning", "accelerometer-clock", clock.sentence, file=imu.file, column=columns)
+    return [replace(about, expected="both of one time", hint=hint)]
 
 
 def _bias(recording: Recording, bias: StaticBias | None) -> list[Finding]:

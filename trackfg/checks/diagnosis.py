@@ -20,6 +20,7 @@ from trackfg.checks.diagnosis_rest import NoiseDensity, StaticBias, noise_densit
 from trackfg.checks.diagnosis_silence import SilentSpan, silent_spans, without_silence
 from trackfg.checks.diagnosis_wheel import WheelScale, receiver_speed_scale, scale_from_fixes, scale_from_gnss
 from trackfg.recording.model import GNSS_SPEED_TABLE, Recording
+from trackfg.sensors.accelerometer_clock import AccelerometerClock, accelerometer_clock
 from trackfg.sensors.standstills import find_standstills
 from trackfg.sensors.tach import with_sense
 from trackfg.sensors.tach_rows import tach_quantum_m
@@ -49,6 +50,7 @@ class Estimates:
     positions: PositionFit
     silent_spans: tuple[SilentSpan, ...]
     receiver_speed_scale: WheelScale | None = None
+    accelerometer_clock: AccelerometerClock | None = None
 
     def as_dict(self) -> dict[str, Any]:
         """Nested, ready for JSON, without what could not be estimated."""
@@ -95,5 +97,6 @@ def estimates_of(recording: Recording) -> Estimates:
         force=fit_force(usable, axes, offset),
         positions=fit_positions(usable, None if usable.tach is None else on_imu_clock(usable.tach, offset)),
         silent_spans=silent,
+        accelerometer_clock=accelerometer_clock(usable),
         receiver_speed_scale=receiver_speed_scale(usable.others.get(GNSS_SPEED_TABLE), usable.gnss, usable.tach),
     )

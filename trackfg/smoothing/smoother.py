@@ -56,6 +56,7 @@ from trackfg.smoothing.doubts.recording_doubts import recording_doubts, recordin
 from trackfg.smoothing.fixes.balise_fixes import balise_findings, with_balise_fixes
 from trackfg.smoothing.fixes.wrong_fixes import with_consensus
 from trackfg.smoothing.imu_clock_jumps import without_imu_clock_jumps
+from trackfg.smoothing.late_accelerometer import with_accelerometer_in_time
 from trackfg.smoothing.late_clocks import Offsets, gnss_moved_s, solved_in_time, with_gnss_in_time, with_offsets
 from trackfg.smoothing.noise_levels import levels, lowered_levels, miscounted, noise_findings
 from trackfg.smoothing.rail_ties import with_rail_factors
@@ -184,6 +185,7 @@ def smooth(
     if sound.imu.empty:
         raise too_short(sound, 0.0)
     measured, correction = corrected_tach(without_imu_clock_jumps(sound, config))
+    measured = with_accelerometer_in_time(measured)
     measured = without_contradicted_speeds(without_unmeasured_rows(measured), limits)
     measured = with_gnss_in_time(measured, config.tach.clock_offset_sd_s)
     anchored = with_balise_fixes(measured)

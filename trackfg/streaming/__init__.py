@@ -1,26 +1,27 @@
 """The smoother on a stream: rows come as they are measured, estimates go out at once and when they leave the lag.
 
-==================  ===================================================================================================
-module              content
-==================  ===================================================================================================
-``sources``         batches of rows: a recording replayed, JSON lines, MCAP files
-``rows``            :class:`~trackfg.streaming.rows.Rows`, canonical rows of all tables
-``intake``          from a source's batches to complete, sound rows in the order of time
-``events``          what happened, and where every row went that was not passed on
-``window``          the factor graph of the newest keyframes
-``tables``          smoothed tables and events of what left the window
-``locating``        where the stream is on a map
-``fixed_lag``       :class:`~trackfg.streaming.fixed_lag.FixedLagSmoother`: rows in, estimates out
-``outages``         times without any rows that are too long to be bridged
-``sigma_test``      whether smoothed and filtered estimates differ by more than their sigmas
-``roll_test``       whether the mean roll on straights is zero
-``vibration_test``  whether the sensor vibrates by more than the track's sigmas
-``doubts``          when a stream reports what it doubts
-``late_clocks``     whether a clock is off by more than it allows for
-``back_pressure``   sparser keyframes while rows come faster than they can be handled
-``sinks``           where estimates go: JSON lines, a callback, Parquet parts
-``run``             all of it in a row
-``checkpoint``      the file from which a killed stream goes on
-``view``            a running stream in a browser
-==================  ===================================================================================================
+======================  ===============================================================================================
+module                  content
+======================  ===============================================================================================
+``sources``             batches of rows: a recording replayed, JSON lines, MCAP files
+``rows``                :class:`~trackfg.streaming.rows.Rows`, canonical rows of all tables
+``intake``              from a source's batches to complete, sound rows in the order of time
+``events``              what happened, and where every row went that was not passed on
+``window``              the factor graph of the newest keyframes
+``tables``              smoothed tables and events of what left the window
+``locating``            where the stream is on a map
+``fixed_lag``           :class:`~trackfg.streaming.fixed_lag.FixedLagSmoother`: rows in, estimates out
+``outages``             times without any rows that are too long to be bridged
+``sigma_test``          whether smoothed and filtered estimates differ by more than their sigmas
+``roll_test``           whether the mean roll on straights is zero
+``vibration_test``      whether the sensor vibrates by more than the track's sigmas
+``accelerometer_test``  whether the accelerometer is later than the gyro
+``doubts``              when a stream reports what it doubts
+``late_clocks``         whether a clock is off by more than it allows for
+``back_pressure``       sparser keyframes while rows come faster than they can be handled
+``sinks``               where estimates go: JSON lines, a callback, Parquet parts
+``run``                 all of it in a row
+``checkpoint``          the file from which a killed stream goes on
+``view``                a running stream in a browser
+======================  ===============================================================================================
 """

@@ -39,6 +39,7 @@ from trackfg.results.events import Event
 from trackfg.sensors.imu_noise import WhiteNoise
 from trackfg.smoothing.localisation import MapChainage
 from trackfg.solver.square_root import SquareRoot
+from trackfg.streaming.accelerometer_test import AccelerometerTest
 from trackfg.streaming.checkpoint.snapshot import Snapshot, dump, load_attributes
 from trackfg.streaming.doubts import Doubts
 from trackfg.streaming.late_clocks import clock_doubts
@@ -137,6 +138,7 @@ class FixedLagSmoother:
     _sigma_test: SigmaTest
     _roll_test: RollTest
     _vibration_test: VibrationTest
+    _accelerometer_test: AccelerometerTest
     _doubts: Doubts
 
     def __init__(
@@ -171,7 +173,7 @@ class FixedLagSmoother:
         self._moving = MovingWindow(self._buffer, self.config, lag_s, on_map=feature_map is not None)
         self._tables, self._done_s = None, -np.inf
         self._sigma_test, self._roll_test, self._vibration_test = SigmaTest(), RollTest(), VibrationTest()
-        self._doubts = Doubts()
+        self._accelerometer_test, self._doubts = AccelerometerTest(), Doubts()
 
     def put(self, rows: Rows) -> Estimates:
         """Take the next rows and return the estimates that they make."""
@@ -212,6 +214,7 @@ class FixedLagSmoother:
         doubts += fix_doubts(self._moving.votes.tested, self._moving.votes.squares, until)
         if running is not None:
             doubts += self._vibration_test.events(until, running.context.conventions)
+            doubts += self._accelerometer_test.events(until)
             doubts += (*running.noise.events(until), *running.gnss.events(until), *running.gnss_speeds.events(until))
             doubts += clock_doubts(running.newest.states.clock[0], self.config, until)
         return doubts
@@ -290,6 +293,7 @@ class FixedLagSmoother:
             self._moving.votes.written_s = tables.done_s
             samples = self._buffer.intervals(begin_s, tables.done_s)
             self._vibration_test.put(samples, pieces[0].trajectory, pieces[0].geometry)
+            self._accelerometer_test.put(samples, pieces[0].trajectory)
         locator = self._locator
         events = self._moving.votes.pop_events() if locator is None else self._locate(locator, pieces, step)
         if step.marginalised is not None:

@@ -128,6 +128,10 @@ def kept(table: str, first_s: float) -> Spoil:
     return spoil
 
 
+def accelerometer_later(by_s: float) -> Spoil:
+    return changed("imu", **{c: lambda rows, c=c: np.interp(rows["t_s"] - by_s, rows["t_s"], rows[c]) for c in FORCE})
+
+
 def noisier(columns: list[str], sd: float) -> Spoil:
     noise = np.random.default_rng(0)
     return changed("imu", **{c: lambda rows, c=c: rows[c] + sd * noise.standard_normal(len(rows)) for c in columns})
@@ -186,6 +190,8 @@ MISTAKES: dict[str, tuple[Spoil, set[str], str]] = {
     "fixes against the direction": (
         scaled("fixes", -1.0, "chainage_m"), {"direction"}, "set track.direction = -1"),
     "balises are 2 s late": (later("fixes", 2.0), {"fix-delay"}, "set fixes.time_offset_s = -"),
+    "the accelerometer is late": (
+        accelerometer_later(0.02), {"accelerometer-clock"}, "trackfg smooth moves the samples"),
     "much more noise than declared": (noisier(GYRO, 0.01), {"noise-low"}, "set gyro_white = "),
 }  # fmt: skip
 
