@@ -9,8 +9,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from scipy.interpolate import CubicHermiteSpline
 
+from trackfg.numerics.hermite import hermite_at
 from trackfg.recording.findings import Finding
 from trackfg.recording.model import IMU_COLUMNS, Recording
 from trackfg.sensors.accelerometer_clock import accelerometer_clock
@@ -26,9 +26,9 @@ def with_accelerometer_in_time(recording: Recording) -> Recording:
     if clock is None or not clock.is_sure:
         return recording
     names, t = IMU_COLUMNS[4:], recording.imu["t_s"].to_numpy()
-    force = recording.imu[list(names)].to_numpy()
-    moved = CubicHermiteSpline(t, force, np.gradient(force, t, axis=0))(np.clip(t - clock.offset_s, t[0], t[-1]))
-    imu = recording.imu.assign(**dict(zip(names, moved.T, strict=True)))
+    force = recording.imu[list(names)].to_numpy().T
+    moved = hermite_at(np.clip(t - clock.offset_s, t[0], t[-1]), t, force, np.gradient(force, t, axis=1))
+    imu = recording.imu.assign(**dict(zip(names, moved, strict=True)))
     finding = Finding(
         "warning",
         "accelerometer-clock",
