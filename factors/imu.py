@@ -27,6 +27,8 @@ if TYPE_CHECKING:
 _INTEGRATION_DENSITY = 1e-5
 """m/sqrt(s): process noise on position, for what the trapezoid inside one increment leaves out."""
 
+_AXES = np.eye(3)
+
 
 @dataclass(frozen=True)
 class PreintegrationNoise:
@@ -56,9 +58,9 @@ class PreintegrationNoise:
         import gtsam
 
         parameters = gtsam.PreintegrationParams.MakeSharedU(gravity)
-        parameters.setGyroscopeCovariance(np.eye(3) * self.gyro**2)
-        parameters.setAccelerometerCovariance(np.eye(3) * self.accel**2)
-        parameters.setIntegrationCovariance(np.eye(3) * self.position**2)
+        parameters.setGyroscopeCovariance(_AXES * self.gyro**2)
+        parameters.setAccelerometerCovariance(_AXES * self.accel**2)
+        parameters.setIntegrationCovariance(_AXES * self.position**2)
         parameters.setOmegaCoriolis(frame_rate)
         return parameters
 

@@ -144,7 +144,7 @@ def _spread(states: States, covariance: Covariance, lever_arm: Array, mount_roll
 
 
 def _spread_by_arrays(states: States, covariance: Covariance, lever_arm: Array) -> _Spread:
-    J = keyframe_jacobian(states, lever_arm)
+    J = keyframe_jacobian(states, lever_arm)[:, :, : _POINT.stop]  # no quantity depends on what is behind
     propagated = covariance.propagated(J)
     return _Spread(np.asarray(np.sum(propagated * J, axis=2)), propagated[:, QUANTITIES.index("speed_mps"), _POINT])
 

@@ -129,7 +129,10 @@ class SquareRoot(Outlined):
         window[KEYFRAME_DIM : self.size] = shared
         for k in range(n - 1, -1, -1):
             x[k] = self.inverse[k] @ (x[k] - self.on_parents(k) @ window)
-            window = np.concatenate([x[k], window[self.kept(k)]])
+            if len(window) == self.parents(k - 1) == self.size:
+                window[:KEYFRAME_DIM] = x[k]
+            else:
+                window = np.concatenate([x[k], window[self.kept(k)]])
         return x
 
     def forward_substituted(self, right: Array, carried: Array | None = None) -> tuple[Array, Array]:
@@ -147,12 +150,13 @@ class SquareRoot(Outlined):
             window[: len(carried)] = carried
             compiled.forward_substitute(*self.conditionals(), self.before, window, y)
             return y, window[: self.parents(len(y) - 1)]
+        taken = -carried
         for k in range(len(y)):
-            y[k] = self.inverse[k].T @ (y[k] + carried[:KEYFRAME_DIM])
-            ahead = np.zeros((self.parents(k), columns))
-            ahead[self.kept(k)] = carried[KEYFRAME_DIM:]
-            carried = ahead - self.on_parents(k).T @ y[k]
-        return y, carried
+            y[k] = self.inverse[k].T @ (y[k] - taken[:KEYFRAME_DIM])
+            ahead = self.on_parents(k).T @ y[k]
+            ahead[self.kept(k)] += taken[KEYFRAME_DIM:]
+            taken = ahead
+        return y, -taken
 
     def solution(self) -> Step:
         """Return the least-squares solution, backwards from the last keyframe."""
