@@ -8,7 +8,7 @@ from functools import partial
 
 from trackfg.datasets.effects.clocks import ClockJump, DelayedStamps, FilledHoles, LateAccelerometer
 from trackfg.datasets.effects.driving import Creeping, LongRest, TurningEarth
-from trackfg.datasets.effects.inertial import LowCost, Noise, Warming
+from trackfg.datasets.effects.inertial import LowCost, Noise, Slow, Warming
 from trackfg.datasets.effects.mounting import LeverArm, RoughTrack, SpringRoll, Tilt
 from trackfg.datasets.effects.positions import Canyon, LateGnss, ScatteredFixes, WrongFixes
 from trackfg.datasets.effects.vibration import Idling, PlaceName, Rectification, Sampling, Saturation, Vibration
@@ -100,6 +100,13 @@ EFFECTS: dict[str, EffectKind] = {
     ),
     "low-cost-imu": EffectKind(
         "a sensor of a few euros of which nothing is declared", LowCost, "deg/s", (0.3, 1.0), _MPU_6050
+    ),
+    "slow-imu": EffectKind(
+        "an IMU whose filter leaves half of the power at such a frequency",
+        Slow,
+        "Hz",
+        (20.0, 5.0),
+        "MPU-6050 register map: low passes of 260 to 5 Hz; loggers that keep means of 0.1 s (4.4 Hz)",
     ),
     "coarse-pulses": EffectKind(
         "a tachometer with few pulses per revolution", CoarsePulses, "pulses", (4.0, 1.0), "reed contacts and magnets"

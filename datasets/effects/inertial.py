@@ -1,10 +1,13 @@
-"""IMUs worse than declared: more white noise, drift while the sensor warms up, a low-cost grade not declared."""
+"""IMUs worse than declared: more white noise, drift while the sensor warms up, a low-cost grade not declared, a filter
+that passes less than the rate of the samples could hold.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy  # its signal, which takes 0.5 s, when it is first used
 
 from trackfg.datasets.effects.samples import Samples, described
 from trackfg.datasets.scenario import Effect, Scenario
@@ -99,3 +102,25 @@ class LowCost(Effect):
     def recorded(self, recording: Recording, ride: Ride, rng: np.random.Generator) -> Recording:
         """See :class:`~trackfg.datasets.scenario.Effect`."""
         return recording if self.for_oracle else described(recording, noise=ImuNoise())
+
+
+@dataclass(frozen=True)
+class Slow(Effect):
+    """Samples that passed a filter of second order with half of the power left at ``magnitude`` Hz, without delay.
+
+    For the oracle: no filter.
+    """
+
+    def recorded(self, recording: Recording, ride: Ride, rng: np.random.Generator) -> Recording:
+        """See :class:`~trackfg.datasets.scenario.Effect`."""
+        if self.for_oracle:
+            return recording
+        samples = Samples.of(recording)
+        corner_hz = self.magnitude / _BOTH_WAYS_HALF
+        low_pass = scipy.signal.butter(1, corner_hz, fs=1.0 / samples.interval_s, output="sos")
+        gyro, accel = (scipy.signal.sosfiltfilt(low_pass, of, axis=0) for of in (samples.gyro, samples.accel))
+        return replace(samples, gyro=gyro, accel=accel).into(recording)
+
+
+_BOTH_WAYS_HALF = float(np.sqrt(np.sqrt(2.0) - 1.0))
+"""Where a filter of first order that runs both ways passes half of the power, over its corner: (1 + x^2)^2 = 2."""

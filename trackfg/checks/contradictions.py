@@ -27,10 +27,12 @@ from trackfg.numerics.chainage.passes import only_falls
 from trackfg.numerics.units import KMH
 from trackfg.recording.antenna import with_antenna_named
 from trackfg.recording.description import Imu, Tach
-from trackfg.recording.findings import Finding
+from trackfg.recording.findings import Finding, Level
 from trackfg.recording.model import Recording
 from trackfg.recording.unmeasured_rows import unmeasured_in
-from trackfg.sensors.accelerometer_clock import AccelerometerClock
+from trackfg.sensors.averages import averaged
+from trackfg.sensors.imu_filters.accelerometer_clock import AccelerometerClock
+from trackfg.sensors.imu_filters.bandwidth import SHORTEST_D1_M, Bandwidths
 from trackfg.sensors.tach import with_sense
 
 _TOML = "recording.toml"
@@ -64,6 +66,7 @@ def contradictions(recording: Recording, estimates: Estimates, limits: CheckLimi
         *_mounting(force, limits),
         *_clock(description.tach, estimates.clock_offset),
         *_accelerometer(description.imu, estimates.accelerometer_clock),
+        *_bandwidths(recording, estimates.bandwidths),
         *_bias(recording, estimates.static_bias),
         *_noise(estimates.noise_density, limits),
         *_speed(description.tach, force, limits),
@@ -191,6 +194,31 @@ def _accelerometer(imu: Imu, clock: AccelerometerClock | None) -> list[Finding]:
     columns, hint = ", ".join(imu.accel), "filter both alike; trackfg smooth moves the samples, a stream does not"
     about = Finding("warning", "accelerometer-clock", clock.sentence, file=imu.file, column=columns)
     return [replace(about, expected="both of one time", hint=hint)]
+
+
+_USUAL_TOP = 95.0
+"""Percentile of the speed up to which waves of the track are to be seen."""
+
+
+def _bandwidths(recording: Recording, bandwidths: Bandwidths | None) -> list[Finding]:
+    """Samples of less bandwidth than their rate: a warning where a sensor that follows the track loses waves of it."""
+    if bandwidths is None:
+        return []
+    imu, tach = recording.description.imu, recording.tach
+    speed = 0.0
+    if imu.rigid and tach is not None and (motion := averaged(recording.imu, tach, 1.0)) is not None:
+        speed = float(np.percentile(np.abs(motion.speed), _USUAL_TOP))
+    findings = []
+    for columns, hz in ((imu.gyro, bandwidths.gyro_hz), (imu.accel, bandwidths.accel_hz)):
+        if hz is None:
+            continue
+        message = f"samples hold little above {hz:.2g} Hz: they were filtered, averaged or interpolated"
+        missing = f"at {speed:.0f} m/s waves of the track shorter than {speed / hz:.1f} m are missing: "
+        is_lost = speed > SHORTEST_D1_M * hz
+        hint = (missing if is_lost else "") + "log samples of the sensor's own rate, with a filter near half of it"
+        level: Level = "warning" if is_lost else "info"
+        findings.append(Finding(level, "imu-bandwidth", message, file=imu.file, column=", ".join(columns), hint=hint))
+    return findings
 
 
 def _bias(recording: Recording, bias: StaticBias | None) -> list[Finding]:

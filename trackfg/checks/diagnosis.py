@@ -20,7 +20,9 @@ from trackfg.checks.diagnosis_rest import NoiseDensity, StaticBias, noise_densit
 from trackfg.checks.diagnosis_silence import SilentSpan, silent_spans, without_silence
 from trackfg.checks.diagnosis_wheel import WheelScale, receiver_speed_scale, scale_from_fixes, scale_from_gnss
 from trackfg.recording.model import GNSS_SPEED_TABLE, Recording
-from trackfg.sensors.accelerometer_clock import AccelerometerClock, accelerometer_clock
+from trackfg.sensors.imu_filters.accelerometer_clock import AccelerometerClock, accelerometer_clock
+from trackfg.sensors.imu_filters.bandwidth import Bandwidths, RestSpectra
+from trackfg.sensors.imu_intervals import intervals
 from trackfg.sensors.standstills import find_standstills
 from trackfg.sensors.tach import with_sense
 from trackfg.sensors.tach_rows import tach_quantum_m
@@ -51,6 +53,7 @@ class Estimates:
     silent_spans: tuple[SilentSpan, ...]
     receiver_speed_scale: WheelScale | None = None
     accelerometer_clock: AccelerometerClock | None = None
+    bandwidths: Bandwidths | None = None
 
     def as_dict(self) -> dict[str, Any]:
         """Nested, ready for JSON, without what could not be estimated."""
@@ -98,5 +101,6 @@ def estimates_of(recording: Recording) -> Estimates:
         positions=fit_positions(usable, None if usable.tach is None else on_imu_clock(usable.tach, offset)),
         silent_spans=silent,
         accelerometer_clock=accelerometer_clock(usable),
+        bandwidths=RestSpectra.of(intervals(recording), standstills).bandwidths,
         receiver_speed_scale=receiver_speed_scale(usable.others.get(GNSS_SPEED_TABLE), usable.gnss, usable.tach),
     )

@@ -1,7 +1,7 @@
 """Samples of an accelerometer that is later than the gyro are moved to the gyro's clock before there is a graph.
 
 The level of the track is made of forces, and lies behind the cross-level and the alignment's turns by the way in
-between. By how much the accelerometer is late, :mod:`trackfg.sensors.accelerometer_clock` finds.
+between. By how much the accelerometer is late, :mod:`trackfg.sensors.imu_filters.accelerometer_clock` finds.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import numpy as np
 from trackfg.numerics.hermite import hermite_at
 from trackfg.recording.findings import Finding
 from trackfg.recording.model import IMU_COLUMNS, Recording
-from trackfg.sensors.accelerometer_clock import accelerometer_clock
+from trackfg.sensors.imu_filters.accelerometer_clock import accelerometer_clock
 
 
 def with_accelerometer_in_time(recording: Recording) -> Recording:

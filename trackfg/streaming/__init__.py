@@ -16,6 +16,7 @@ module                  content
 ``roll_test``           whether the mean roll on straights is zero
 ``vibration_test``      whether the sensor vibrates by more than the track's sigmas
 ``accelerometer_test``  whether the accelerometer is later than the gyro
+``bandwidth_test``      whether the sensor is too slow for the waves of the track
 ``doubts``              when a stream reports what it doubts
 ``late_clocks``         whether a clock is off by more than it allows for
 ``back_pressure``       sparser keyframes while rows come faster than they can be handled

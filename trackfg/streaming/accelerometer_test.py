@@ -1,4 +1,5 @@
-"""A stream tests whether its accelerometer is later than its gyro (:mod:`trackfg.sensors.accelerometer_clock`).
+"""A stream tests whether its accelerometer is later than its gyro, as
+:mod:`trackfg.sensors.imu_filters.accelerometer_clock` finds it.
 
 It cannot move samples that it has used, as a batch does before there is a graph: it says what they spoil.
 """
@@ -12,15 +13,23 @@ import pandas as pd
 
 from trackfg.numerics.arrays import Array
 from trackfg.results.events import DOUBT, Event
-from trackfg.sensors.accelerometer_clock import BLOCK_S, ENOUGH_S, SIGNALS, STARTS_S, STEP_S, Forces, clock_near_start
 from trackfg.sensors.averages import Motion
+from trackfg.sensors.imu_filters.accelerometer_clock import (
+    BLOCK_S,
+    ENOUGH_S,
+    SIGNALS,
+    STARTS_S,
+    STEP_S,
+    Forces,
+    clock_near_start,
+)
 from trackfg.sensors.imu_intervals import Intervals, means_between
 
 
 @dataclass
 class AccelerometerTest:
     """``products`` (starts, b, 5, 5): the sums of the first blocks in motion, with samples moved by each of
-    :data:`~trackfg.sensors.accelerometer_clock.STARTS_S`.
+    :data:`~trackfg.sensors.imu_filters.accelerometer_clock.STARTS_S`.
     """
 
     products: Array = field(default_factory=lambda: np.zeros((len(STARTS_S), 0, SIGNALS, SIGNALS)))

@@ -36,10 +36,12 @@ from trackfg.output.trajectory import trajectory_columns
 from trackfg.recording.description import RecordingDescription
 from trackfg.results.columns import GEOMETRY_COLUMNS, TRAJECTORY_COLUMNS
 from trackfg.results.events import Event
+from trackfg.sensors.imu_intervals import Intervals
 from trackfg.sensors.imu_noise import WhiteNoise
 from trackfg.smoothing.localisation import MapChainage
 from trackfg.solver.square_root import SquareRoot
 from trackfg.streaming.accelerometer_test import AccelerometerTest
+from trackfg.streaming.bandwidth_test import BandwidthTest
 from trackfg.streaming.checkpoint.snapshot import Snapshot, dump, load_attributes
 from trackfg.streaming.doubts import Doubts
 from trackfg.streaming.late_clocks import clock_doubts
@@ -139,6 +141,7 @@ class FixedLagSmoother:
     _roll_test: RollTest
     _vibration_test: VibrationTest
     _accelerometer_test: AccelerometerTest
+    _bandwidth_test: BandwidthTest
     _doubts: Doubts
 
     def __init__(
@@ -173,7 +176,7 @@ class FixedLagSmoother:
         self._moving = MovingWindow(self._buffer, self.config, lag_s, on_map=feature_map is not None)
         self._tables, self._done_s = None, -np.inf
         self._sigma_test, self._roll_test, self._vibration_test = SigmaTest(), RollTest(), VibrationTest()
-        self._accelerometer_test, self._doubts = AccelerometerTest(), Doubts()
+        self._accelerometer_test, self._bandwidth_test, self._doubts = AccelerometerTest(), BandwidthTest(), Doubts()
 
     def put(self, rows: Rows) -> Estimates:
         """Take the next rows and return the estimates that they make."""
@@ -214,7 +217,7 @@ class FixedLagSmoother:
         doubts += fix_doubts(self._moving.votes.tested, self._moving.votes.squares, until)
         if running is not None:
             doubts += self._vibration_test.events(until, running.context.conventions)
-            doubts += self._accelerometer_test.events(until)
+            doubts += (*self._accelerometer_test.events(until), *self._bandwidth_test.events(until))
             doubts += (*running.noise.events(until), *running.gnss.events(until), *running.gnss_speeds.events(until))
             doubts += clock_doubts(running.newest.states.clock[0], self.config, until)
         return doubts
@@ -291,9 +294,7 @@ class FixedLagSmoother:
             begin_s = tables.done_s
             pieces = [tables.next_piece(self._buffer, inputs, settled, at_end=at_end)]
             self._moving.votes.written_s = tables.done_s
-            samples = self._buffer.intervals(begin_s, tables.done_s)
-            self._vibration_test.put(samples, pieces[0].trajectory, pieces[0].geometry)
-            self._accelerometer_test.put(samples, pieces[0].trajectory)
+            self._test_samples(self._buffer.intervals(begin_s, tables.done_s), running, pieces[0])
         locator = self._locator
         events = self._moving.votes.pop_events() if locator is None else self._locate(locator, pieces, step)
         if step.marginalised is not None:
@@ -305,6 +306,14 @@ class FixedLagSmoother:
             self._buffer.forget(older, newer)
         events = (*events, *(() if step.event is None else (step.event,)))
         return [PassOutput(pieces, (*(event for piece in pieces for event in piece.events), *events))]
+
+    def _test_samples(self, samples: Intervals, running: RunningWindow, led_to: Tables) -> None:
+        """Take samples, and the tables that they led to, into the tests of what the sensor makes of the track."""
+        self._vibration_test.put(samples, led_to.trajectory, led_to.geometry)
+        self._accelerometer_test.put(samples, led_to.trajectory)
+        if self._buffer.description.imu.rigid:
+            step_m = running.context.conventions.step_m
+            self._bandwidth_test.put(samples, running.rests.spans, led_to.geometry, step_m)
 
     def _after_loss(self, lost: LostWindow) -> PassOutput:
         """Return the tables up to where the window was lost; from there on the stream begins anew."""

@@ -9,9 +9,9 @@ import pytest
 
 from trackfg.datasets.catalogue import scenario
 from trackfg.datasets.effects.catalogue import EFFECTS, effect
-from trackfg.datasets.effects.clocks import ClockJump, DelayedStamps, FilledHoles
+from trackfg.datasets.effects.clocks import ClockJump, DelayedStamps, FilledHoles, LateAccelerometer
 from trackfg.datasets.effects.driving import Creeping, LongRest, TurningEarth
-from trackfg.datasets.effects.inertial import LowCost, Noise, Warming
+from trackfg.datasets.effects.inertial import LowCost, Noise, Slow, Warming
 from trackfg.datasets.effects.mounting import LeverArm, RoughTrack, SpringRoll, Tilt
 from trackfg.datasets.effects.positions import Canyon, LateGnss, ScatteredFixes, WrongFixes
 from trackfg.datasets.scenarios import simulate
@@ -200,6 +200,23 @@ def test_holes_are_filled_by_straight_lines(run):
     bends = np.diff(filled.to_numpy()[:, 1:], 2, axis=0)
     in_hole = ~kept.to_numpy()[1:-1]
     assert np.abs(bends[in_hole]).max() < 1e-9 < np.abs(bends[~in_hole]).min(axis=0).max()
+
+
+def test_forces_are_later_than_rates(run):
+    sound, late = run().recording, run(LateAccelerometer(20.0)).recording
+    assert np.array_equal(late.gyro, sound.gyro)
+    np.testing.assert_allclose(late.accel[4:], sound.accel[:-4], atol=1e-9)  # 20 ms at 200 Hz
+
+
+def test_a_slow_sensor_passes_half_of_the_power_at_its_frequency(run):
+    sound, slow = run().recording, run(Slow(20.0)).recording
+    f = np.fft.rfftfreq(len(sound.imu), 0.005)
+    for before, after in ((sound.gyro, slow.gyro), (sound.accel, slow.accel)):
+        power = [np.abs(np.fft.rfft(samples - samples.mean(axis=0), axis=0)) ** 2 for samples in (before, after)]
+        for low, high, share in ((19.0, 21.0, 0.5), (2.0, 3.0, 0.98), (60.0, 90.0, 0.02)):
+            some = (f > low) & (f < high)
+            passed = power[1][some].sum(axis=0) / power[0][some].sum(axis=0)
+            assert passed == pytest.approx(share, abs=0.1)
 
 
 def test_creeping_is_slow():

@@ -132,6 +132,13 @@ def accelerometer_later(by_s: float) -> Spoil:
     return changed("imu", **{c: lambda rows, c=c: np.interp(rows["t_s"] - by_s, rows["t_s"], rows[c]) for c in FORCE})
 
 
+def means_of(count: int) -> Spoil:
+    return changed(
+        "imu",
+        **{c: lambda rows, c=c: rows[c].rolling(count, center=True, min_periods=1).mean() for c in [*GYRO, *FORCE]},
+    )
+
+
 def noisier(columns: list[str], sd: float) -> Spoil:
     noise = np.random.default_rng(0)
     return changed("imu", **{c: lambda rows, c=c: rows[c] + sd * noise.standard_normal(len(rows)) for c in columns})
@@ -192,6 +199,8 @@ MISTAKES: dict[str, tuple[Spoil, set[str], str]] = {
     "balises are 2 s late": (later("fixes", 2.0), {"fix-delay"}, "set fixes.time_offset_s = -"),
     "the accelerometer is late": (
         accelerometer_later(0.02), {"accelerometer-clock"}, "trackfg smooth moves the samples"),
+    "the samples are means over 0.1 s": (
+        means_of(20), {"imu-bandwidth"}, "at 32 m/s waves of the track shorter than"),
     "much more noise than declared": (noisier(GYRO, 0.01), {"noise-low"}, "set gyro_white = "),
 }  # fmt: skip
 

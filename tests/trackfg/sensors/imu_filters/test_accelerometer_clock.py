@@ -12,9 +12,9 @@ import pytest
 from trackfg.datasets.effects.clocks import LateAccelerometer
 from trackfg.datasets.scenarios import Simulation, scenario, simulate
 from trackfg.recording.model import IMU_COLUMNS, Recording
-from trackfg.sensors.accelerometer_clock import accelerometer_clock
+from trackfg.sensors.imu_filters.accelerometer_clock import accelerometer_clock
 
-from ...datasets.conftest import at_50_hz
+from ....datasets.conftest import at_50_hz
 
 
 def ride(

@@ -1,0 +1,104 @@
+"""Waves that a sensor is too slow for are missing in the track, and no residual says so.
+
+A low pass of first order leaves ``1 / sqrt(1 + (f / f_h)^2)`` of an amplitude, which is less by ``(f / f_h)^2 / 2`` of
+it where f is small. A wave along the track has the frequency ``v / wavelength``. So a column y that was measured at the
+speed v lacks
+
+    (v / (2 pi f_h))^2 y'' / 2.
+
+Filters of 5 to 20 Hz of other orders, filters that run both ways and means over 5 to 41 samples of 200 a second made
+errors of 0.4 to 2 times as much (``mainline``, 400 s). Where the power of the shortest waves is less than half, what is
+left does not show what is gone.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+
+from trackfg.factors.factor_type import FactorType
+from trackfg.numerics.arrays import Array
+from trackfg.results.verdict import Doubt
+from trackfg.sensors.imu_filters.bandwidth import SHORTEST_D1_M, Bandwidths, RestSpectra
+from trackfg.smoothing.doubts.vibration_doubts import COLUMNS
+from trackfg.smoothing.reassessment import SolvedRun
+
+_FASTER = 0.05
+"""Share of rows whose shortest waves are gone from which on the quantity is not to be trusted."""
+
+_LEAST_WIDENING = 1.2
+"""Factors below this are none, as of :mod:`trackfg.smoothing.doubts.vibration_doubts`."""
+
+_FASTEST_MPS = 200
+"""Speeds are counted up to this, m/s."""
+
+HINT = "filter the sensor less, or write rates and forces of its own rate, not means or interpolated ones"
+
+
+@dataclass(frozen=True)
+class ShortWaves:
+    """How fast a geometry was measured, and how it bends: the number of rows by whole m/s ``speeds`` (200,); of each of
+    :data:`~trackfg.smoothing.doubts.vibration_doubts.COLUMNS` the number and the sum of squares of ``v^2 y''``,
+    (mm/s^2)^2, and of the sigmas, mm^2: ``sums`` (3, 4).
+    """
+
+    speeds: Array
+    sums: Array
+
+    @classmethod
+    def of(cls, geometry: pd.DataFrame, step_m: float) -> ShortWaves:
+        """Return that of a geometry table with a row every ``step_m`` of each passage."""
+        speed = np.abs(geometry["speed_mps"].to_numpy())
+        speeds = np.bincount(
+            np.clip(np.nan_to_num(speed), 0, _FASTEST_MPS - 1).astype(np.int64), minlength=_FASTEST_MPS
+        )
+        along = np.abs(np.abs(np.diff(geometry["chainage_m"].to_numpy())) - step_m) < 0.5 * step_m
+        sums = np.zeros((len(COLUMNS), 4))
+        if len(speed) > 2:
+            for row, column in zip(sums, COLUMNS.values(), strict=True):
+                bends = speed[1:-1] ** 2 * np.diff(geometry[column].to_numpy(), 2) / step_m**2
+                bends, sds = bends[along[1:] & along[:-1]], geometry[f"{column}_sd"].to_numpy()
+                row[:] = [
+                    np.count_nonzero(np.isfinite(bends)),
+                    np.nansum(bends**2),
+                    np.count_nonzero(np.isfinite(sds)),
+                    np.nansum(sds**2),
+                ]
+        return cls(speeds.astype(np.float64), sums)
+
+    def __add__(self, other: ShortWaves) -> ShortWaves:
+        return ShortWaves(self.speeds + other.speeds, self.sums + other.sums)
+
+    def doubts(self, bandwidths: Bandwidths) -> Iterator[Doubt]:
+        """Yield doubts of what a sensor of such bandwidths is too slow for: a twist is made of rates, else forces."""
+        rates, forces = ("gyro", bandwidths.gyro_hz), ("accelerometer", bandwidths.accel_hz)
+        made_of = {"twist": rates, "level": forces, "alignment": forces}
+        speeds = np.arange(_FASTEST_MPS) + 0.5
+        for name, (number, bent, sigmas, variance) in zip(COLUMNS, self.sums.tolist(), strict=True):
+            sensor, hz = made_of[name]
+            if hz is None or not (number and sigmas):
+                continue
+            reason = f"the {sensor}'s samples hold little above {hz:.2g} Hz"
+            slowed = speeds > SHORTEST_D1_M * hz
+            if self.speeds[slowed].sum() > _FASTER * self.speeds.sum():
+                fastest = speeds[np.flatnonzero(self.speeds)[-1]]
+                reason += f": at {fastest:.0f} m/s waves shorter than {fastest / hz:.1f} m are missing"
+                yield Doubt((name,), math.inf, reason, HINT)
+                continue
+            missing = 0.5 * math.sqrt(bent / number) / (2.0 * math.pi * hz) ** 2
+            factor = math.hypot(1.0, missing / math.sqrt(variance / sigmas))
+            if factor >= _LEAST_WIDENING:
+                yield Doubt((name,), factor, f"{reason}: {missing:.2g} mm of {name} are missing", HINT)
+
+
+def bandwidth_doubts(run: SolvedRun, geometry: pd.DataFrame) -> list[Doubt]:
+    """Return doubts of the short waves of a sensor that follows the track, but is too slow for them."""
+    if geometry.empty or run.problem.family(FactorType.PATH) is None:
+        return []
+    context = run.problem.run
+    bandwidths = RestSpectra.of(context.inertial, run.problem.rests).bandwidths
+    return list(ShortWaves.of(geometry, context.conventions.step_m).doubts(bandwidths))

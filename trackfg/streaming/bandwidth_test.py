@@ -1,0 +1,53 @@
+"""A stream tests whether its sensor is too slow for the waves of the track, as
+:mod:`trackfg.smoothing.doubts.bandwidth_doubts` does of a run.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import pandas as pd
+
+from trackfg.numerics.arrays import Array
+from trackfg.results.events import DOUBT, Event
+from trackfg.results.verdict import Doubt
+from trackfg.sensors.imu_filters.bandwidth import RestSpectra
+from trackfg.sensors.imu_intervals import Intervals
+from trackfg.smoothing.doubts.bandwidth_doubts import ShortWaves
+
+
+@dataclass
+class BandwidthTest:
+    """The ``spectra`` of rests and the ``waves`` of the geometry, of all that has come."""
+
+    spectra: RestSpectra | None = None
+    waves: ShortWaves | None = None
+
+    def put(self, samples: Intervals, rests: Array, geometry: pd.DataFrame, step_m: float) -> None:
+        """Take the next samples, the ``rests`` (r, 2), s, among them, and the geometry that they led to."""
+        if len(samples):
+            spectra = RestSpectra.of(samples, rests)
+            if self.spectra is None:
+                self.spectra = spectra
+            elif len(spectra.edges) == len(self.spectra.edges):  # else of another rate
+                self.spectra += spectra
+        if len(geometry):
+            waves = ShortWaves.of(geometry, step_m)
+            self.waves = waves if self.waves is None else self.waves + waves
+
+    def events(self, until_s: float) -> tuple[Event, ...]:
+        """Return an event for each quantity whose short waves are missing."""
+        if self.spectra is None or self.waves is None:
+            return ()
+        return tuple(
+            Event(DOUBT, t_s=until_s, detail=f"{', '.join(doubt.quantities)}: {doubt.reason}: {_advice(doubt)}")
+            for doubt in self.waves.doubts(self.spectra.bandwidths)
+        )
+
+
+def _advice(doubt: Doubt) -> str:
+    known = math.isfinite(doubt.factor)
+    return (
+        f"multiply its sigmas by {doubt.factor:.1f}, or {doubt.hint}" if known else f"do not trust it, or {doubt.hint}"
+    )
