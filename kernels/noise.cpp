@@ -16,6 +16,7 @@ namespace {
 constexpr int CHANNELS = 6, AXES = 3, BANDS = 3, NEIGHBOURS = 5;
 static_assert(SHORTEST_BLOCK == 2 << BANDS);
 constexpr double FARTHEST = 1e100;
+constexpr double NEAR_MEAN = 0.15;  // In standard deviations: medians of 256 normal values scatter by half of it.
 constexpr std::uint8_t NOWHERE[CHANNELS] = {};
 
 // In the order of _LIMITS in imu_noise.py, which says what they are.
@@ -152,6 +153,38 @@ WITH_VECTOR_UNITS void count_changes(const double *samples, std::ptrdiff_t count
             changes[c] += std::abs(samples[i * CHANNELS + c] - samples[(i - 1) * CHANNELS + c]) > same ? 1.0 : 0.0;
 }
 
+// Which channels of a block (count, CHANNELS), of an even number of samples, have none further from the median than `spread`
+// times what more than half of them are from it, as far as that is seen without the median: it is near the mean where less
+// than half of the samples are on either side of what is near.
+WITH_VECTOR_UNITS void find_usual(const double *samples, std::ptrdiff_t count, double spread, bool *usual) {
+    double mean[CHANNELS] = {}, near[CHANNELS] = {}, furthest[CHANNELS] = {};
+    double below[CHANNELS] = {}, above[CHANNELS] = {}, far[CHANNELS] = {};
+    for (std::ptrdiff_t i = 0; i < count; ++i)
+        for (int c = 0; c < CHANNELS; ++c) {
+            const double change = samples[i * CHANNELS + c] - samples[c];
+            mean[c] += change, near[c] += change * change;
+        }
+    for (int c = 0; c < CHANNELS; ++c) {
+        mean[c] /= static_cast<double>(count);
+        near[c] = NEAR_MEAN * std::sqrt(near[c] / static_cast<double>(count) - mean[c] * mean[c]);
+        mean[c] += samples[c];
+    }
+    for (std::ptrdiff_t i = 0; i < count; ++i)
+        for (int c = 0; c < CHANNELS; ++c) {
+            const double off = samples[i * CHANNELS + c] - mean[c];
+            below[c] += off < -near[c] ? 1.0 : 0.0;
+            above[c] += off > near[c] ? 1.0 : 0.0;
+            furthest[c] = std::abs(off) > furthest[c] ? std::abs(off) : furthest[c];
+        }
+    for (int c = 0; c < CHANNELS; ++c) furthest[c] = (furthest[c] + near[c]) / spread + near[c];
+    for (std::ptrdiff_t i = 0; i < count; ++i)
+        for (int c = 0; c < CHANNELS; ++c)
+            far[c] += std::abs(samples[i * CHANNELS + c] - mean[c]) >= furthest[c] ? 1.0 : 0.0;
+    for (int c = 0; c < CHANNELS; ++c)
+        usual[c] = 2.0 * std::max(below[c], above[c]) < static_cast<double>(count) &&
+                   2.0 * far[c] > static_cast<double>(count);
+}
+
 // A record in blocks of `length` samples: block j begins at sample starts[j]; `dt` is its sampling interval, s.
 class Record {
   public:
@@ -227,14 +260,18 @@ class Record {
     // Rows in shocks, and the changes of velocity that they show, (rows, CHANNELS); returns their number.
     std::ptrdiff_t shocks(std::int64_t *rows, double *change) const {
         std::vector<std::uint8_t> beyond(count_ * AXES);
-        for (std::ptrdiff_t j = 0; j < blocks_; ++j)
+        for (std::ptrdiff_t j = 0; j < blocks_; ++j) {
+            bool is_usual[CHANNELS];
+            find_usual(&samples_[starts_[j] * CHANNELS], length_, limits_.shock_spread, is_usual);
             for (int axis = 0; axis < AXES; ++axis) {
+                if (is_usual[AXES + axis]) continue;
                 const Deviation usual = range_of_usual(j, AXES + axis);
                 if (!std::isfinite(usual.spread)) continue;
                 const double limit = std::max(usual.spread, limits_.fine_steps * extent_.step[AXES + axis]);
                 for (std::ptrdiff_t i = middle_of(j); i < middle_of(j + 1); ++i)
                     beyond[i * AXES + axis] = std::abs(at(i, AXES + axis) - usual.centre) > limit;
             }
+        }
         const auto pause = static_cast<std::ptrdiff_t>(std::nearbyint(limits_.pause_s / dt_));
         std::vector<Span> spans;
         for (auto out = beyond.begin(); (out = std::find(out, beyond.end(), 1)) != beyond.end(); ++out) {
