@@ -47,6 +47,9 @@ _EFFICIENCY = 2.0 / np.pi
 _AT_REST_MPS, _IN_MOTION_MPS = 0.1, 1.0
 """Blocks slower and faster than these are those of a rest and of motion, m/s."""
 
+_PASSED = 0.5
+"""Share of a bandwidth up to which a filter passes the floor as it is: one of second order leaves 0.94 of its power."""
+
 _BLOCKS_AT_ONCE = 16
 """Spectra of so many blocks are taken at once: they fit into the cache."""
 
@@ -76,8 +79,12 @@ class Blocks(NamedTuple):
     variance: Array
 
     @classmethod
-    def of(cls, data: Intervals, t: Array, speed: Array) -> Blocks:
-        """Return those of samples of a vehicle of ``speed`` (n,), m/s, at times ``t`` (n,), s; none of few samples."""
+    def of(cls, data: Intervals, t: Array, speed: Array, bandwidth_hz: float | None = None) -> Blocks:
+        """Return those of samples of a vehicle of ``speed`` (n,), m/s, at times ``t`` (n,), s; none of few samples.
+
+        Of a sensor with a filter of such a ``bandwidth_hz`` only what is below half of it counts: further up its white
+        floor falls.
+        """
         step = median_interval(data.edges) if len(data) else 1.0
         length = 2 ** round(np.log2(_BLOCK_S / step))
         starts = np.arange(0, max(len(data) - length, 0), length // 2)
@@ -90,7 +97,9 @@ class Blocks(NamedTuple):
         seen_from = np.maximum(speeds / SHORTEST_WAVE_M, _LEAST_HZ)
         per_rate = np.zeros((3, len(f)))  # an angular rate is integrated once, a force twice
         per_rate[:, 1:] = (2.0 * np.pi * f[1:]) ** np.array([[-2.0], [-4.0], [-4.0]])
-        fast = f > seen_from[:, None]
+        top = f[-1] if bandwidth_hz is None else min(f[-1], _PASSED * bandwidth_hz)
+        fast = (f > seen_from[:, None]) & (f <= top)
+        of_floor = (f > 0.5 * top) & (f <= top)
         variance = np.empty((len(starts), 3))
         for first in range(0, len(starts), _BLOCKS_AT_ONCE):
             some = slice(first, first + _BLOCKS_AT_ONCE)
@@ -98,7 +107,7 @@ class Blocks(NamedTuple):
             samples -= samples.mean(axis=2, keepdims=True)
             lines = np.fft.rfft(samples * window)
             power = 2.0 * (lines.real**2 + lines.imag**2) / (length * np.sum(window**2))
-            floor = np.exp(np.mean(np.log(np.maximum(power[:, :, f > 0.5 * f[-1]], 1e-30)), axis=2) + EULER)
+            floor = np.exp(np.mean(np.log(np.maximum(power[:, :, of_floor], 1e-30)), axis=2) + EULER)
             over = np.where(fast[some], power - floor[:, :, None], 0.0)
             variance[some] = np.einsum("cbf,cf->bc", over, per_rate)
         return cls(speeds, seen_from, variance)

@@ -12,7 +12,7 @@ import pandas as pd
 from trackfg.numerics.arrays import Array
 from trackfg.results.events import DOUBT, Event
 from trackfg.results.verdict import Doubt
-from trackfg.sensors.imu_filters.bandwidth import RestSpectra
+from trackfg.sensors.imu_filters.bandwidth import Bandwidths, RestSpectra
 from trackfg.sensors.imu_intervals import Intervals
 from trackfg.smoothing.doubts.bandwidth_doubts import ShortWaves
 
@@ -36,13 +36,18 @@ class BandwidthTest:
             waves = ShortWaves.of(geometry, step_m)
             self.waves = waves if self.waves is None else self.waves + waves
 
+    @property
+    def bandwidths(self) -> Bandwidths:
+        """What the rests show so far."""
+        return Bandwidths(None, None) if self.spectra is None else self.spectra.bandwidths
+
     def events(self, until_s: float) -> tuple[Event, ...]:
         """Return an event for each quantity whose short waves are missing."""
-        if self.spectra is None or self.waves is None:
+        if self.waves is None:
             return ()
         return tuple(
             Event(DOUBT, t_s=until_s, detail=f"{', '.join(doubt.quantities)}: {doubt.reason}: {_advice(doubt)}")
-            for doubt in self.waves.doubts(self.spectra.bandwidths)
+            for doubt in self.waves.doubts(self.bandwidths)
         )
 
 

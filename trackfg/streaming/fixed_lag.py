@@ -309,11 +309,12 @@ class FixedLagSmoother:
 
     def _test_samples(self, samples: Intervals, running: RunningWindow, led_to: Tables) -> None:
         """Take samples, and the tables that they led to, into the tests of what the sensor makes of the track."""
-        self._vibration_test.put(samples, led_to.trajectory, led_to.geometry)
-        self._accelerometer_test.put(samples, led_to.trajectory)
         if self._buffer.description.imu.rigid:
             step_m = running.context.conventions.step_m
             self._bandwidth_test.put(samples, running.rests.spans, led_to.geometry, step_m)
+        bandwidth_hz = self._bandwidth_test.bandwidths.least_hz
+        self._vibration_test.put(samples, led_to.trajectory, led_to.geometry, bandwidth_hz)
+        self._accelerometer_test.put(samples, led_to.trajectory)
 
     def _after_loss(self, lost: LostWindow) -> PassOutput:
         """Return the tables up to where the window was lost; from there on the stream begins anew."""

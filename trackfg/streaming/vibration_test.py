@@ -29,10 +29,14 @@ class VibrationTest:
     blocks: Blocks = field(default_factory=lambda: Blocks(np.zeros(0), np.zeros(0), np.zeros((0, 3))))
     sums: Array = field(default_factory=lambda: np.zeros((len(COLUMNS), 2)))
 
-    def put(self, samples: Intervals, smoothed: pd.DataFrame, geometry: pd.DataFrame) -> None:
-        """Take the next samples, and the rows of trajectory and geometry that they led to."""
+    def put(
+        self, samples: Intervals, smoothed: pd.DataFrame, geometry: pd.DataFrame, bandwidth_hz: float | None = None
+    ) -> None:
+        """Take the next samples, of a sensor of such a bandwidth, and the rows of trajectory and geometry that they led
+        to.
+        """
         if len(smoothed):
-            new = Blocks.of(samples, smoothed["t_s"].to_numpy(), smoothed["speed_mps"].to_numpy())
+            new = Blocks.of(samples, smoothed["t_s"].to_numpy(), smoothed["speed_mps"].to_numpy(), bandwidth_hz)
             joined = (np.concatenate(both)[-_MOST_BLOCKS:] for both in zip(self.blocks, new, strict=True))
             self.blocks = Blocks(*joined)
         for i, column in enumerate(COLUMNS.values()):

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.signal import butter, sosfilt
 
 from trackfg.datasets.scenarios import simulate
 from trackfg.sensors.imu_intervals import Intervals, intervals
@@ -84,3 +85,16 @@ def test_a_sway_across_is_integrated_twice(quiet: Intervals) -> None:
 def test_a_short_record_says_nothing(quiet: Intervals) -> None:
     few = replace(quiet, edges=quiet.edges[:200], gyro=quiet.gyro[:199], accel=quiet.accel[:199])
     assert np.isnan([Blocks.of(few, few.edges[[0, -1]], np.zeros(2)).shaking()[k].roll for k in (0, 1)]).all()
+
+
+def test_a_filter_is_no_vibration(quiet: Intervals) -> None:
+    """Above the bandwidth the noise falls below the floor that it has further down."""
+    low_pass = butter(2, 40.0, fs=1.0 / np.median(quiet.durations), output="sos")
+    filtered = replace(quiet, gyro=sosfilt(low_pass, quiet.gyro, axis=0))
+    ends, still = quiet.edges[[0, -1]], np.zeros(2)
+    white, taken_for_white, known = (
+        Blocks.of(data, ends, still, hz).shaking()[0].roll
+        for data, hz in ((quiet, None), (filtered, None), (filtered, 40.0))
+    )
+    assert max(white, known) < 0.3 * taken_for_white
+    assert Blocks.of(with_roll(filtered), ends, still, 40.0).shaking()[0].roll > 0.6 * AMPLITUDE

@@ -63,6 +63,11 @@ class Bandwidths:
     gyro_hz: float | None
     accel_hz: float | None
 
+    @property
+    def least_hz(self) -> float | None:
+        """The smaller one."""
+        return min((hz for hz in (self.gyro_hz, self.accel_hz) if hz is not None), default=None)
+
 
 @dataclass(frozen=True)
 class RestSpectra:

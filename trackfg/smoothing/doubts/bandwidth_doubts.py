@@ -23,7 +23,7 @@ import pandas as pd
 from trackfg.factors.factor_type import FactorType
 from trackfg.numerics.arrays import Array
 from trackfg.results.verdict import Doubt
-from trackfg.sensors.imu_filters.bandwidth import SHORTEST_D1_M, Bandwidths, RestSpectra
+from trackfg.sensors.imu_filters.bandwidth import SHORTEST_D1_M, Bandwidths
 from trackfg.smoothing.doubts.vibration_doubts import COLUMNS
 from trackfg.smoothing.reassessment import SolvedRun
 
@@ -95,10 +95,8 @@ class ShortWaves:
                 yield Doubt((name,), factor, f"{reason}: {missing:.2g} mm of {name} are missing", HINT)
 
 
-def bandwidth_doubts(run: SolvedRun, geometry: pd.DataFrame) -> list[Doubt]:
+def bandwidth_doubts(run: SolvedRun, geometry: pd.DataFrame, bandwidths: Bandwidths) -> list[Doubt]:
     """Return doubts of the short waves of a sensor that follows the track, but is too slow for them."""
     if geometry.empty or run.problem.family(FactorType.PATH) is None:
         return []
-    context = run.problem.run
-    bandwidths = RestSpectra.of(context.inertial, run.problem.rests).bandwidths
-    return list(ShortWaves.of(geometry, context.conventions.step_m).doubts(bandwidths))
+    return list(ShortWaves.of(geometry, run.problem.run.conventions.step_m).doubts(bandwidths))

@@ -11,6 +11,7 @@ import pandas as pd
 
 from trackfg.results.summary import GeometryConventions
 from trackfg.results.verdict import Doubt, Quantity
+from trackfg.sensors.imu_filters.bandwidth import Bandwidths
 from trackfg.sensors.short_vibration import SHORTEST_WAVE_M, Blocks
 from trackfg.smoothing.reassessment import SolvedRun
 
@@ -32,12 +33,14 @@ COLUMNS: dict[Quantity, str] = {
 """The columns of a geometry table whose sigmas do not know of vibration."""
 
 
-def vibration_doubts(run: SolvedRun, geometry: pd.DataFrame) -> list[Doubt]:
-    """Return doubts of the geometry's short waves, where the sensor vibrates by more than their sigmas."""
+def vibration_doubts(run: SolvedRun, geometry: pd.DataFrame, bandwidths: Bandwidths) -> list[Doubt]:
+    """Return doubts of the geometry's short waves, where a sensor of such bandwidths vibrates by more than their
+    sigmas.
+    """
     if geometry.empty:
         return []
     nav, context = run.solution.states.nav, run.problem.run
-    blocks = Blocks.of(context.inertial, context.t, np.linalg.norm(nav.v, axis=1))
+    blocks = Blocks.of(context.inertial, context.t, np.linalg.norm(nav.v, axis=1), bandwidths.least_hz)
     sigmas = {name: geometry[f"{column}_sd"].dropna() for name, column in COLUMNS.items()}
     usual = {name: float(np.sqrt(np.mean(np.square(sd)))) for name, sd in sigmas.items() if len(sd)}
     return [
