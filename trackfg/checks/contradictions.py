@@ -19,6 +19,7 @@ from trackfg.checks.diagnosis_speed import Slope
 from trackfg.checks.diagnosis_wheel import WheelScale
 from trackfg.checks.inertial import imu_channels
 from trackfg.checks.inertial.imu_faults import without_imu_faults
+from trackfg.checks.inertial.repeated_rows import without_repeated_rows
 from trackfg.checks.limits import CheckLimits
 from trackfg.checks.receiver_speeds import receiver_speed_findings
 from trackfg.checks.sizes import is_ratio_of_units
@@ -45,8 +46,9 @@ def diagnose(recording: Recording, limits: CheckLimits | None = None) -> tuple[E
     wrong, say, and the estimates are to show it.
     """
     limits = limits or CheckLimits()
-    sound = without_imu_faults(recording, limits)
-    sound = sound if 2 * len(sound.imu) > len(recording.imu) else recording
+    measured = without_repeated_rows(recording)
+    sound = without_imu_faults(measured, limits)
+    sound = sound if 2 * len(sound.imu) > len(measured.imu) else measured
     estimates = estimates_of(sound)
     channels = imu_channels.findings(recording.description.imu, recording.imu, limits)
     return estimates, [*channels, *contradictions(sound, estimates, limits)]

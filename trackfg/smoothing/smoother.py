@@ -18,6 +18,7 @@ import pandas as pd
 
 from trackfg.checks.columns import memory_faults
 from trackfg.checks.inertial.imu_faults import without_imu_faults
+from trackfg.checks.inertial.repeated_rows import without_repeated_rows
 from trackfg.checks.limits import CheckLimits
 from trackfg.checks.tach_correction import TachCorrection, corrected_tach
 from trackfg.config import SmoothConfig
@@ -181,7 +182,7 @@ def smooth(
         raise TypeError(f"smooth takes settings as trackfg.SmoothConfig.model_validate(settings) gives, not {given}")
     raise_first(memory_faults(recording))
     config, limits = config or SmoothConfig(), limits or CheckLimits()
-    sound = without_imu_faults(recording, limits)
+    sound = without_imu_faults(without_repeated_rows(recording), limits)
     if sound.imu.empty:
         raise too_short(sound, 0.0)
     measured, correction = corrected_tach(without_imu_clock_jumps(sound, config))

@@ -13,6 +13,7 @@ import pandas as pd
 from trackfg.checks.columns import ColumnPlace
 from trackfg.checks.inertial.imu_faults import ImuFaultDetector
 from trackfg.checks.inertial.interpolated_rows import interpolated_times
+from trackfg.checks.inertial.repeated_rows import repeated_rows
 from trackfg.checks.limits import CheckLimits
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.spans import true_runs
@@ -54,6 +55,8 @@ def _repeated(imu: Imu, t: Array, sensor: Array, limits: CheckLimits) -> list[Fi
         f"all six channels repeat the row before in {share:.1%} of the rows, at worst for {seconds:.3g} s from here"
     )
     hint = "remove the repeated rows: a gap is bridged honestly, invented samples are not"
+    if repeated_rows(sensor).any():
+        hint = "log the sensor's own rows: these are of a slower one; trackfg smooth leaves them out, a stream does not"
     return [ColumnPlace(imu.file, None, t).at_row(start, "rows-repeated", message, "samples", hint, "warning")]
 
 
