@@ -308,7 +308,7 @@ def family_of(families: Iterable[Family], kind: FactorType) -> Family | None:
 
 def row_norms(rows: Array) -> Array:
     """Return the norm of each row (m, d), (m,)."""
-    return np.asarray(np.sqrt(np.einsum("ij,ij->i", rows, rows)))
+    return np.asarray(np.sqrt(np.vecdot(rows, rows)))
 
 
 def _finite(array: Array) -> bool:

@@ -206,11 +206,10 @@ class States(Outlined):
     def joined(self, *later: States) -> States:
         """Return these keyframes, then the later ones; shared variables are those of the last."""
         every = (self, *later)
-        nav = Nav(*(np.concatenate([getattr(states.nav, part) for states in every]) for part in ("R", "p", "v")))
-        bias = np.concatenate([states.bias for states in every])
-        odo = Odo(np.concatenate([states.odo.array for states in every]))
+        parts = [(one.nav.R, one.nav.p, one.nav.v, one.bias, one.odo.array) for one in every]
+        R, p, v, bias, odo = map(np.concatenate, zip(*parts, strict=True))
         last = every[-1]
-        return States(nav, bias, odo, last.mount, last.clock, last.imu, last.wheel, last.sensor)
+        return States(Nav(R, p, v), bias, Odo(odo), last.mount, last.clock, last.imu, last.wheel, last.sensor)
 
     @cached_property
     def arrays(self) -> tuple[Array, ...]:
