@@ -33,7 +33,7 @@ LOSS_KINDS = {
     "silent": "below the lowest speed that the sensor measures",
     "stuck-channel": "shows one value again and again: stuck, or at the end of its range",
     "contradicted": "speeds that the receiver's positions, or the tach, contradict, as those in another unit",
-    "held": "the values of a row before again: the table is written faster than the receiver measures",
+    "held": "the values of a row before again: the table is written faster than the sensor measures",
     "impossible-value": "beyond what the sensor of a rail vehicle shows, or far beyond all before",
     "interpolated": "all six channels lie on straight lines: holes were filled by interpolation",
 }

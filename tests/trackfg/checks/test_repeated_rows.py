@@ -68,5 +68,5 @@ def test_a_run_is_smoothed_as_at_the_rate_of_the_sensor(simulated: Callable[...,
     (finding,) = [finding for finding in result.summary.findings if finding.code == "rows-repeated"]
     assert "the sensor gives 5 samples a second" in finding.message
     (named,) = [finding for finding in diagnose(held(recording, 20))[1] if finding.code == "rows-repeated"]
-    assert "of a slower one" in str(named.hint)
+    assert "samples of a slower one" in str(named.hint)
     assert list(left.imu.columns) == list(IMU_COLUMNS)

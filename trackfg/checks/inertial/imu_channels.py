@@ -56,7 +56,7 @@ def _repeated(imu: Imu, t: Array, sensor: Array, limits: CheckLimits) -> list[Fi
     )
     hint = "remove the repeated rows: a gap is bridged honestly, invented samples are not"
     if repeated_rows(sensor).any():
-        hint = "log the sensor's own rows: these are of a slower one; trackfg smooth leaves them out, a stream does not"
+        hint = "log the sensor's own rows: these repeat samples of a slower one, and are left out"
     return [ColumnPlace(imu.file, None, t).at_row(start, "rows-repeated", message, "samples", hint, "warning")]
 
 

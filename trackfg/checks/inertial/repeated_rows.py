@@ -21,14 +21,22 @@ _REGULAR = 0.6
 """Share of the samples at least that stay for the usual number of rows, or for one more or less."""
 
 
+def usual_rows(lengths: np.ndarray) -> int:
+    """Return for how many rows a sample usually stays, of the ``lengths`` (n,) of runs of equal rows; 1 where they are
+    not regular.
+    """
+    usual = int(np.median(lengths)) if len(lengths) else 1
+    return usual if usual < 2 or np.mean(np.abs(lengths - usual) <= 1) >= _REGULAR else 1
+
+
 def repeated_rows(channels: Array) -> np.ndarray:
     """Return which rows of all six channels (n, 6) repeat a sample of a slower sensor, (n,)."""
     fresh = np.ones(len(channels), dtype=bool)
     fresh[1:] = (channels[1:] != channels[:-1]).any(axis=1)
     starts = np.flatnonzero(fresh)
     lengths = np.diff(starts)
-    usual = int(np.median(lengths)) if len(lengths) else 1
-    if usual < 2 or np.mean(np.abs(lengths - usual) <= 1) < _REGULAR:
+    usual = usual_rows(lengths)
+    if usual < 2:
         return np.zeros(len(channels), dtype=bool)
     sample = np.cumsum(fresh) - 1
     since = np.arange(len(channels)) - starts[sample]

@@ -1,6 +1,6 @@
 """The intake turns batches as a source gives them into sound, canonical rows in the order of time, and events.
 
-    timestamps -> reorder buffer -> interpolated rows and faults of the IMU -> conversion
+    timestamps -> reorder buffer -> repeated and interpolated rows and faults of the IMU -> conversion
         -> gravity, row checks, held rows, rates, speeds -> clock jumps
 
 :meth:`Intake.state` is everything that carries over from one batch to the next: an intake restored from it and given
@@ -29,6 +29,7 @@ from trackfg.streaming.intake.held_rows import HeldRows
 from trackfg.streaming.intake.imu_clock import ClockLimits
 from trackfg.streaming.intake.rate_check import RateCheck
 from trackfg.streaming.intake.reorder_buffer import ReorderBuffer
+from trackfg.streaming.intake.repeated_rows import RepeatedRows
 from trackfg.streaming.intake.row_checks import RowChecks
 from trackfg.streaming.intake.speed_check import SpeedCheck
 from trackfg.streaming.intake.timestamps import Timestamps
@@ -50,6 +51,7 @@ class Intake:
     gravity_check: GravityCheck | None
     rate_check: RateCheck | None
     speed_check: SpeedCheck
+    repeated: RepeatedRows
     interpolated: InterpolatedRows
     imu_faults: ImuFaultDetector
     row_checks: RowChecks
@@ -80,6 +82,7 @@ class Intake:
             gravity_check=None if canonical else GravityCheck(checks),
             rate_check=None if canonical else RateCheck(checks),
             speed_check=SpeedCheck(checks),
+            repeated=RepeatedRows(),
             interpolated=InterpolatedRows.of(description.imu, is_canonical=canonical),
             imu_faults=ImuFaultDetector.of(description.imu, checks, is_canonical=canonical),
             row_checks=RowChecks.of(description, checks),
@@ -133,7 +136,11 @@ class Intake:
         return replace(rows, breaks=motion_breaks(events)), events
 
     def _sound(self, tables: Mapping[str, Array], *, last: bool = False) -> Rows:
-        imu = [self._measurements(*self.interpolated.take(tables["imu"]))] if "imu" in tables else []
+        imu: list[Array] = []
+        if "imu" in tables:
+            samples, repeated = self.repeated.take(tables["imu"])
+            self.report.lose("held", "imu", repeated)
+            imu = [self._measurements(*self.interpolated.take(samples))]
         if last:
             imu += [self._measurements(self.interpolated.finish(), np.empty(0)), self.imu_faults.finish()]
         if any(map(len, imu)) or "imu" in tables:
