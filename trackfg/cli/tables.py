@@ -69,6 +69,7 @@ def estimates(values: Mapping[str, Any]) -> RenderableType:
         **_clocks(values.get("clock_offset"), values.get("positions", {})),
         **{f"wheel scale by {name}": _scale(values.get(f"wheel_scale_{name}")) for name in ("fixes", "gnss")},
         **_rest(values.get("static_bias"), values.get("noise_density")),
+        **_filters(values.get("accelerometer_clock"), values.get("bandwidths", {})),
     }
     return named_values("Estimated from the data", rows)
 
@@ -117,6 +118,16 @@ def _clocks(tach: Mapping[str, Any] | None, positions: Mapping[str, Any]) -> dic
         "delay of GNSS": f"{gnss['lag_s']:+.3f} ± {gnss['sd_s']:.3f} s" if gnss else "",
         "turns of GNSS over the gyro's": _slope(positions.get("course")),
         "delay of fixes": f"{fix['delay_s']:+.3f} ± {fix['sd_s']:.3f} s" if fix else "",
+    }
+
+
+def _filters(clock: Mapping[str, float] | None, bandwidths: Mapping[str, float]) -> dict[str, str]:
+    """Return by how much forces are later than rates, and where a filter leaves half of their power."""
+    halves = {"gyro": bandwidths.get("gyro_hz"), "accelerometer": bandwidths.get("accel_hz")}
+    offset = f"{-1e3 * clock['offset_s']:+.1f} ± {1e3 * clock['sd_s']:.1f} ms" if clock else ""
+    return {
+        "delay of forces against rates": offset,
+        **{f"bandwidth of the {name}": f"{hz:.2g} Hz" if hz else "" for name, hz in halves.items()},
     }
 
 
