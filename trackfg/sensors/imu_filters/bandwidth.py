@@ -83,13 +83,14 @@ class RestSpectra:
     def of(cls, data: Intervals, rests: Array) -> RestSpectra:
         """Return those of samples within ``rests`` (r, 2), s, away from holes."""
         step = median_interval(data.edges)
-        length = 2 ** round(np.log2(_BLOCK_S / step))
-        f = np.fft.rfftfreq(length, step)
-        bands = int(2.0 * np.log2(max(_HIGHEST * f[-1] / _LOWEST_HZ, 1.0)))
+        length = 2 ** max(round(np.log2(_BLOCK_S / step)), 1)
+        bands = int(2.0 * np.log2(max(_HIGHEST * 0.5 / step / _LOWEST_HZ, 1.0)))
         edges: Array = _LOWEST_HZ * np.exp2(0.5 * np.arange(bands + 1, dtype=np.float64))
-        band = np.searchsorted(edges, f, side="right") - 1
-        inside = (band >= 0) & (band < bands)
         logs, lines = np.zeros((2, bands)), np.zeros(bands)
+        if length > len(data):
+            return cls(logs, lines, edges)
+        band = np.searchsorted(edges, np.fft.rfftfreq(length, step), side="right") - 1
+        inside = (band >= 0) & (band < bands)
         window = np.hanning(length + 1)[:-1, None]
         resting = within(data.edges[:-1], rests) & within(data.edges[1:], rests) & ~data.bridged
         for begin, end in true_runs(resting):

@@ -100,3 +100,11 @@ def test_rests_add_up_and_held_samples_show_nothing() -> None:
     assert both.bandwidths.gyro_hz == pytest.approx(whole.bandwidths.gyro_hz)
     held = replace(data, gyro=np.zeros_like(data.gyro))
     assert RestSpectra.of(held, RESTS).bandwidths.gyro_hz is None
+
+
+@pytest.mark.parametrize("unit", [1e3, 1e-3, 1e-6])
+def test_stamps_in_another_unit_leave_no_bandwidth(unit: float) -> None:
+    """Milliseconds that are taken for seconds, and the other way: blocks would have hundreds of millions of samples."""
+    data = samples(duration_s=10.0)
+    other = replace(data, edges=unit * data.edges)
+    assert RestSpectra.of(other, unit * np.array([[0.0, 10.0]])).bandwidths == Bandwidths(None, None)
