@@ -1,7 +1,7 @@
 """Samples of an accelerometer that is later than the gyro are moved to the gyro's clock before there is a graph.
 
-The level of the track is made of forces, and lies behind the cross-level and the alignment's turns by the way in
-between. By how much the accelerometer is late, :mod:`trackfg.sensors.imu_filters.accelerometer_clock` finds.
+The level of the track is computed from forces. If they are late, it is shifted along the track against the
+cross-level, which is computed from rates. :mod:`trackfg.sensors.imu_filters.accelerometer_clock` estimates the delay.
 """
 
 from __future__ import annotations

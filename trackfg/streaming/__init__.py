@@ -22,7 +22,7 @@ module                  content
 ``back_pressure``       sparser keyframes while rows come faster than they can be handled
 ``sinks``               where estimates go: JSON lines, a callback, Parquet parts
 ``run``                 all of it in a row
-``checkpoint``          the file from which a killed stream goes on
+``checkpoint``          the file from which an interrupted stream is resumed
 ``view``                a running stream in a browser
 ======================  ===============================================================================================
 """

@@ -6,11 +6,11 @@ follows the track, it measures upwards
     f_z = -v w_y - l_x w_y' + l_y w_x' + gravity.
 
 Gravity is slow. Without it, and band-passed like all else, the force as it is stamped is that sum plus ``T`` times the
-derivative of its first term, where T is what has to be added to the stamps. Least squares give T beside l: a place
-ahead, which looks like a clock that is off by l_x / v, is told from it by other speeds. They are repeated with the
-samples moved by T until that changes no more. The sigma is that of errors which are correlated within blocks (Huber
-1967, the sandwich; blocks are its clusters). It leaves out what the gyro's noise in ``w_y'`` does: it makes l too small
-and moves T with it, by 0.4 ms for 1.5 m and 1e-4 rad/s per sqrt(Hz).
+derivative of its first term, where T is what has to be added to the stamps. Least squares estimate T and l together.
+A lever arm l_x has the effect of a delay l_x / v, so that both are separable where the speed varies. The fit is
+repeated with the samples moved by T until T converges. The sigma is that of errors which are correlated within blocks
+(Huber 1967, the sandwich; blocks are its clusters). It leaves out what the gyro's noise in ``w_y'`` does: it makes l
+too small and moves T with it, by 0.4 ms for 1.5 m and 1e-4 rad/s per sqrt(Hz).
 
 What is not in the equation has phases of its own, springs above all. So T is only taken where the equation explains
 nearly all of the force.
@@ -38,7 +38,7 @@ _SHORT_S, _LONG_S = 0.05, 0.5
 waves of the track, longer than any play of wheels and shorter than a gradient."""
 
 _END_S = 0.5
-"""So much at either end is left out, s: there a signal goes on as its mirror image, which no derivative does."""
+"""So much is left out at either end, s: the filter pads signals by reflection, which reverses a derivative's sign."""
 
 _SPEED_S = 0.5
 """Standard deviation of the speed's average, s: pulses are no motion."""

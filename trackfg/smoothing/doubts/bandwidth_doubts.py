@@ -24,19 +24,16 @@ from trackfg.factors.factor_type import FactorType
 from trackfg.numerics.arrays import Array
 from trackfg.results.verdict import Doubt
 from trackfg.sensors.imu_filters.bandwidth import SHORTEST_D1_M, Bandwidths
-from trackfg.smoothing.doubts.vibration_doubts import COLUMNS
+from trackfg.smoothing.doubts.vibration_doubts import COLUMNS, LEAST_WIDENING
 from trackfg.smoothing.reassessment import SolvedRun
 
 _FASTER = 0.05
 """Share of rows whose shortest waves are gone from which on the quantity is not to be trusted."""
 
-_LEAST_WIDENING = 1.2
-"""Factors below this are none, as of :mod:`trackfg.smoothing.doubts.vibration_doubts`."""
-
 _FASTEST_MPS = 200
 """Speeds are counted up to this, m/s."""
 
-HINT = "filter the sensor less, or write rates and forces of its own rate, not means or interpolated ones"
+_HINT = "filter the sensor less, or write rates and forces of its own rate, not means or interpolated ones"
 
 
 @dataclass(frozen=True)
@@ -87,12 +84,12 @@ class ShortWaves:
             if self.speeds[slowed].sum() > _FASTER * self.speeds.sum():
                 fastest = speeds[np.flatnonzero(self.speeds)[-1]]
                 reason += f": at {fastest:.0f} m/s waves shorter than {fastest / hz:.1f} m are missing"
-                yield Doubt((name,), math.inf, reason, HINT)
+                yield Doubt((name,), math.inf, reason, _HINT)
                 continue
             missing = 0.5 * math.sqrt(bent / number) / (2.0 * math.pi * hz) ** 2
             factor = math.hypot(1.0, missing / math.sqrt(variance / sigmas))
-            if factor >= _LEAST_WIDENING:
-                yield Doubt((name,), factor, f"{reason}: {missing:.2g} mm of {name} are missing", HINT)
+            if factor >= LEAST_WIDENING:
+                yield Doubt((name,), factor, f"{reason}: {missing:.2g} mm of {name} are missing", _HINT)
 
 
 def bandwidth_doubts(run: SolvedRun, geometry: pd.DataFrame, bandwidths: Bandwidths) -> list[Doubt]:

@@ -15,7 +15,7 @@ from trackfg.sensors.imu_filters.bandwidth import Bandwidths
 from trackfg.sensors.short_vibration import SHORTEST_WAVE_M, Blocks
 from trackfg.smoothing.reassessment import SolvedRun
 
-_LEAST_WIDENING = 1.2
+LEAST_WIDENING = 1.2
 """Factors below this are none: sigmas of the geometry, which are drawn, and the level of a vibration are not known
 better."""
 
@@ -75,7 +75,7 @@ def visible_vibration(
     return {
         name: Vibration(factor, f"the sensor vibrates: by {by:.2g} mm of {name}, which look like track")
         for name, (by, factor) in shown.items()
-        if factor >= _LEAST_WIDENING
+        if factor >= LEAST_WIDENING
     }
 
 
