@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 import numpy as np
 
-from trackfg.factors.states import KEYFRAME_DIM, SHARED_DIM, States, Step
+from trackfg.factors.states import KEYFRAME_DIM, SHARED_DIM, States
 from trackfg.numerics.key_figures import KeyFigures
 from trackfg.solver.arcs import along_arcs
 from trackfg.solver.elimination import eliminate
@@ -164,7 +164,7 @@ def solve(
         if robust and length < config.step_tolerance:
             stop = _Stop(True, f"the step is {length:.2g} posterior sigmas, below {config.step_tolerance:g}")
             break
-        moved, tried = _step(problem, families, states, root.solution(), cost)
+        moved, tried = _step(problem, families, states, root, cost)
         trials += tried
         if moved is not None:
             fell = cost - moved[1]
@@ -189,17 +189,20 @@ def _cost(problem: Graph, families: tuple[Family, ...], states: States) -> float
 
 
 def _step(
-    problem: Graph, families: tuple[Family, ...], states: States, step: Step, cost: float
+    problem: Graph, families: tuple[Family, ...], states: States, root: SquareRoot, cost: float
 ) -> tuple[tuple[States, float] | None, int]:
-    """Return the best of the halved or doubled steps, None if none lowers the cost, and how many were tried.
+    """Return the best of the halved or doubled steps of a linear system, None if none lowers the cost, and how many
+    were tried.
 
     Where a step straight ahead does not lower the cost, the same one along arcs may.
 
     Reweighted least squares steps are too short where robust weights still change, so a step that helps is doubled for
-    as long as that helps more.
+    as long as that helps more. Twice the step is tried where the parabola through the last cost is lower there: at the
+    begin of the step its slope is ``-|R d|^2``.
     """
     trials = 0
     enough = cost * (1.0 + 1e-12)
+    step, slope = root.solution(), root.length**2
 
     def tried(moved: States) -> tuple[States, float]:
         nonlocal trials
@@ -218,6 +221,9 @@ def _step(
         if scale < _SHORTEST:
             return None, trials
         best = attempt(scale)
-    while scale >= 1.0 and scale < _LONGEST and (longer := attempt(2.0 * scale))[1] < best[1]:
+    while 1.0 <= scale < _LONGEST and 3.0 * (cost - best[1]) > 2.0 * scale * slope:
+        longer = attempt(2.0 * scale)
+        if longer[1] >= best[1]:
+            break
         best, scale = longer, 2.0 * scale
     return best, trials

@@ -70,13 +70,21 @@ def test_a_step_that_raises_the_cost_is_halved() -> None:
 
 
 def test_a_step_that_helps_is_doubled_while_that_helps_more() -> None:
-    """The residual x^2 at x = 1: the step is -x / 2 wherever it begins, half as long as it ought to be. Twice as long
-    it ends at the minimum, four times as long at -1, where the cost is that of the start.
+    """Fixes at 0 and 30 m, sigma 1 m, Cauchy's loss of width 1, which is on from the start at 20 m. Their weights there
+    are 1 / 401 and 1 / 101, and the step leads to their mean, 30 401 / 502 = 23.964 m. Twice as long it leads closer to
+    30 m, where the one fix alone has weight; four times as long beyond.
     """
-    graph = one_keyframe(1.0, of_distance(np.square, lambda x: 2.0 * x))
-    once = solve(graph, TIGHT.model_copy(update={"max_iterations": 1}))
-    assert once.states.odo.distance[0] == pytest.approx(0.0, abs=1e-9)
-    assert once.cost < 1e-12 < once.initial_cost
+    fixes = absolute_fix(np.zeros(2, dtype=np.int64), np.array([0.0, 30.0]), np.ones((2, 1)), Cauchy(1.0))
+    once = solve(one_keyframe(20.0, fixes), TIGHT.model_copy(update={"max_iterations": 1}), near=True)
+    assert once.states.odo.distance[0] == pytest.approx(20.0 + 2.0 * 3.964, abs=1e-3)
+
+
+def test_a_step_is_not_doubled_where_the_cost_is_a_parabola() -> None:
+    """Two fixes without a loss: the full step ends at their mean."""
+    fixes = absolute_fix(np.zeros(2, dtype=np.int64), np.array([0.0, 30.0]), np.ones((2, 1)), None)
+    once = solve(one_keyframe(20.0, fixes), TIGHT.model_copy(update={"max_iterations": 1}), near=True)
+    assert once.states.odo.distance[0] == pytest.approx(15.0, abs=1e-6)
+    assert once.trials == 1
 
 
 def test_the_minimum_of_plain_squares_is_not_the_end() -> None:
