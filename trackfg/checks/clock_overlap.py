@@ -11,6 +11,7 @@ from trackfg.checks.columns import ColumnPlace
 from trackfg.checks.diagnosis_silence import SHORTEST_S
 from trackfg.checks.limits import CheckLimits
 from trackfg.numerics.arrays import Array
+from trackfg.numerics.units import known_units, to_si
 from trackfg.recording.description import Table
 from trackfg.recording.findings import Finding, Level
 from trackfg.recording.strict_model import Model
@@ -19,6 +20,10 @@ _HALF_HOUR_S, _ZONES_S = 1800.0, 14.0 * 3600.0
 """Zones differ by whole half hours, up to so many seconds from UTC."""
 _MOST = 0.5
 """Where less of a table meets the IMU after a shift, that is chance: its clock begins somewhere else."""
+_SHRUNK = 100.0
+"""Times of a larger unit than declared cover a thousandth of the record, those of a sensor that failed any part."""
+_FEWEST = 10
+"""Rows: fewer may be so close together by chance."""
 _SAME_ENDS_S = 60.0
 """Sensors that record the same run begin and end no further apart, s."""
 
@@ -35,6 +40,14 @@ def clock_findings(
             continue
         t = table["t_s"].to_numpy()
         share = float(np.mean((t >= begin) & (t <= end)))
+        section = f"[[{name.partition('[')[0]}]]" if name.endswith("]") else f"[{name}]"
+        covers = f"the table covers {t[0]:.9g} to {t[-1]:.9g} s, the IMU {begin:.9g} to {end:.9g} s"
+        if (unit := _unit_that_fits(part, t, (begin, end), share)) is not None:
+            hint = f'the times look like {unit}: set time_unit = "{unit}" in {section}'
+            findings.append(
+                Finding("error", "time-unit", covers, file=part.file, column=part.time, expected=expected, hint=hint)
+            )
+            continue
         near = _near(imu, table, limits)
         message = f"far from the IMU's time, {begin:.9g} to {end:.9g} s: left out"
         hint = "remove the rows, or write their times on the recording's clock"
@@ -44,10 +57,8 @@ def clock_findings(
         if share >= limits.overlap_warning and zone_s == 0.0:
             findings += _rolls_on(imu, table, near, place) if name.startswith("tach") else []
             continue
-        message = f"the table covers {t[0]:.9g} to {t[-1]:.9g} s, the IMU {begin:.9g} to {end:.9g} s"
         is_error = (share == 0.0 and (t[0] > end or t[-1] < begin)) or not near.any()
-        section = f"[[{name.partition('[')[0]}]]" if name.endswith("]") else f"[{name}]"
-        message += ": the clocks do not overlap" if is_error else f": {share:.0%} of its rows are within"
+        message = covers + (": the clocks do not overlap" if is_error else f": {share:.0%} of its rows are within")
         hint = f"set time_offset_s of {section} (first rows together: {begin - t[0]:.9g}), or its time_unit"
         if zone_s != 0.0:
             offset_s = part.time_offset_s + zone_s
@@ -57,6 +68,25 @@ def clock_findings(
             Finding(level, "clocks-apart", message, file=part.file, column=part.time, expected=expected, hint=hint)
         )
     return findings
+
+
+def _unit_that_fits(part: Table, t: Array, record: tuple[float, float], share: float) -> str | None:
+    """Return the unit in which times (n,), s, of a table fill most of a ``record``, between two times, s.
+
+    None where there is no other than the declared one: most of them are within the record as they are, the ``share``,
+    and not so close together that they are of a larger unit.
+    """
+    (begin, end), span = record, float(np.ptp(t))
+    shrunk = len(t) >= _FEWEST and span < (end - begin) / _SHRUNK
+    if share > _MOST and not shrunk:
+        return None
+    raw = (t - part.time_offset_s) / to_si("time", part.time_unit)
+    for unit in known_units("time"):
+        read = raw * to_si("time", unit) + part.time_offset_s
+        fits = float(np.mean((read >= begin) & (read <= end)))
+        if unit != part.time_unit and fits > _MOST and np.ptp(read) > _MOST * (end - begin):
+            return unit
+    return None
 
 
 def _zone_apart_s(record: tuple[float, float], t: Array, share: float) -> float:

@@ -12,8 +12,11 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from trackfg.checks.inertial.sampling_interval import interval_finding
+from trackfg.checks.limits import CheckLimits
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.chainage.passes import only_falls
+from trackfg.numerics.spans import median_interval
 from trackfg.recording.description import Imu, RecordingDescription
 from trackfg.recording.findings import Finding, Level
 from trackfg.recording.model import (
@@ -45,6 +48,9 @@ _IN_MEMORY = {
     "laser": LASER_COLUMNS,
 }
 """The columns of each kind of table in memory; the time is the first."""
+
+FEWEST_ROWS = {"imu": 10, "tach": 2, "further_tach": 2, "laser": 4}
+"""Fewer rows of these tables say nothing, by kind: no distance, nothing between places. Of others one row does."""
 
 _SIGMA_UNITS = {"m": "m", "mps": "m/s"}
 """Units of sigmas in memory, by the end of the column's name."""
@@ -98,6 +104,17 @@ def not_finite(values: Array, place: ColumnPlace) -> list[Finding]:
         *place.at_first(empty, "nan", "empty or NaN", "a finite number", hint),
         *place.at_first(magnitude > LARGEST, "infinite", f"infinite, or above {LARGEST:g}", "a finite number", hint),
     ]
+
+
+def times_of_another_unit(t: Array, place: ColumnPlace, unit: str) -> list[Finding]:
+    """Times (n,), s, all of which are beyond what can be: those since 1970 in a smaller unit than
+    ``unit``, the declared one.
+    """
+    if not t.size or not (np.abs(t) > LARGEST).all():
+        return []
+    message, expected = f"{t[0]:.4g} s in the first row, as declared ({unit})", f"times below {LARGEST:g} s"
+    hint = 'set time_unit of this table: "ms", "us" or "ns"'
+    return [Finding("error", "time-unit", message, file=place.file, column=place.column, expected=expected, hint=hint)]
 
 
 def not_increasing(t: Array, place: ColumnPlace) -> list[Finding]:
@@ -196,8 +213,22 @@ def outside(values: Array, low: float, high: float, place: ColumnPlace) -> list[
     return place.at_first_value(values, wrong, "position-range", "no such position on the Earth", expected, hint)
 
 
-def memory_faults(recording: Recording) -> list[Finding]:
-    """Return what a reader refuses in files, of a recording that was made from tables in memory."""
+def too_few_rows(file: str, kind: str, rows: int) -> list[Finding]:
+    """Return an error where a table of a ``kind`` has so few rows that it says nothing."""
+    fewest = FEWEST_ROWS.get(kind, 1)
+    if rows >= fewest:
+        return []
+    message = "the table is empty" if rows == 0 else f"the table has {rows} row{'s' if rows > 1 else ''}"
+    expected = f"at least {fewest} data row{'s' if fewest > 1 else ''}"
+    hint = None if kind == "imu" else "leave the sensor out where it has given nothing"
+    return [Finding("error", "empty-table", message, file=file, expected=expected, hint=hint)]
+
+
+def memory_faults(recording: Recording, limits: CheckLimits) -> list[Finding]:
+    """Return what a reader refuses in files, of a recording that was made from tables in memory.
+
+    Tables of fixes, positions and speeds may be empty, as those of a part of a run are.
+    """
     if not isinstance(recording.description, RecordingDescription):
         message, hint = (
             f"is of type {type(recording.description).__name__}",
@@ -218,7 +249,20 @@ def memory_faults(recording: Recording) -> list[Finding]:
             hint = f"describe it in the {kind} of RecordingDescription, or leave it out"
             findings.append(Finding("error", "missing-key", message, file=f"table {name!r}", hint=hint))
         findings += _table_faults(f"table {name!r}", table, _IN_MEMORY[kind])
+        if kind in ("tach", "laser") and isinstance(table, pd.DataFrame):
+            findings += too_few_rows(f"table {name!r}", kind, len(table))
+    if not findings:
+        findings += _imu_clock_faults(recording.imu["t_s"].to_numpy(), limits)
     return findings
+
+
+def _imu_clock_faults(t: Array, limits: CheckLimits) -> list[Finding]:
+    """Times (n,), s, at which no samples come: holes would be filled, one after the other, until no memory is left."""
+    file, column = "table 'imu'", "t_s"
+    interval = interval_finding(median_interval(t), file, column, limits)
+    return (
+        [interval] if interval is not None else gaps(t, ColumnPlace(file, column), limits.far_row_s, limits.far_row_s)
+    )
 
 
 def _table_faults(file: str, table: pd.DataFrame, names: tuple[str, ...]) -> list[Finding]:

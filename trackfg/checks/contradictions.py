@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from trackfg.checks.columns import ColumnPlace
+from trackfg.checks.columns import FEWEST_ROWS, ColumnPlace
 from trackfg.checks.diagnosis import Estimates, estimates_of
 from trackfg.checks.diagnosis_axes import AxesEstimate
 from trackfg.checks.diagnosis_clock import ClockOffset
@@ -43,9 +43,12 @@ def diagnose(recording: Recording, limits: CheckLimits | None = None) -> tuple[E
     """Estimate everything, and return it with whatever it shows to be wrong or doubtful.
 
     Estimates are made without the rows of the IMU that the smoother drops, unless it would drop most: then a unit is
-    wrong, say, and the estimates are to show it.
+    wrong, say, and the estimates are to show it. A tach of fewer than two rows, as a part of a run may have, says
+    nothing.
     """
     limits = limits or CheckLimits()
+    if recording.tach is not None and len(recording.tach) < FEWEST_ROWS["tach"]:
+        recording = replace(recording, tach=None)
     measured = without_repeated_rows(recording)
     sound = without_imu_faults(measured, limits)
     sound = sound if 2 * len(sound.imu) > len(measured.imu) else measured

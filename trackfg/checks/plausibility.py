@@ -13,10 +13,12 @@ from datetime import UTC, datetime, timedelta
 import pandas as pd
 
 from trackfg.checks.clock_overlap import clock_findings, of_this_run
-from trackfg.checks.inertial.inertial_units import gravity_findings, gyro_findings, interval_findings
+from trackfg.checks.inertial.inertial_units import gravity_findings, gyro_findings
+from trackfg.checks.inertial.sampling_interval import interval_finding
 from trackfg.checks.limits import CheckLimits
 from trackfg.checks.sizes import unusual_size
 from trackfg.numerics.arrays import Array
+from trackfg.numerics.spans import median_interval
 from trackfg.recording.description import Imu, Track
 from trackfg.recording.findings import Finding, Section
 from trackfg.recording.strict_model import Model
@@ -44,10 +46,10 @@ def findings(
         report += _track(track, toml, gnss_origin)
     report += _assumed({name: parts[name] for name in tables if name in parts}, toml)
     if isinstance(imu, Imu) and imu_table is not None:
-        rate = interval_findings(imu, imu_table, limits)
-        report += rate
+        rate = interval_finding(median_interval(imu_table["t_s"].to_numpy()), imu.file, imu.time, limits, imu.time_unit)
+        report += [] if rate is None else [rate]
         report += gravity_findings(imu, imu_table, toml, limits)
-        if not rate:
+        if rate is None:
             motion = averaged(imu_table, tach_table, _STEP_S) or averaged(imu_table, None, _STEP_S)
             report += [] if motion is None else gyro_findings(imu, motion, limits)
             report += clock_findings(imu_table, parts, tables, limits)

@@ -12,13 +12,15 @@ import pandas as pd
 
 from trackfg.checks import columns
 from trackfg.checks.columns import ColumnPlace
+from trackfg.checks.inertial.sampling_interval import interval_finding
 from trackfg.checks.limits import CheckLimits
 from trackfg.io.formats.registry import format_of
 from trackfg.io.formats.sensor_format import Converter, ReadColumns
 from trackfg.io.table_file import TableFile, open_table
 from trackfg.numerics.arrays import Array
+from trackfg.numerics.spans import median_interval
 from trackfg.recording import canonical
-from trackfg.recording.description import Table
+from trackfg.recording.description import Imu, Table
 from trackfg.recording.findings import Finding, errors
 
 
@@ -65,15 +67,16 @@ class Tables:
         raw_t = read[part.time]
         t = None if raw_t is None else canonical.seconds(part, raw_t)
         rows = next((values.size for values in read.values() if values is not None), None)
-        if rows is not None and rows < sensor.min_rows:
-            message = "the table is empty" if rows == 0 else f"the table has {rows} row(s)"
-            expected = f"at least {sensor.min_rows} data row(s)"
-            return None, [*findings, Finding("error", "empty-table", message, file=part.file, expected=expected)]
+        if rows is not None and (too_few := columns.too_few_rows(part.file, sensor.key, rows)):
+            return None, [*findings, *too_few]
+        other_unit = [] if t is None else self._in_another_unit(part, t, limits)
         for name, values in {**read, part.time: t}.items():
-            if values is not None:
+            if values is not None and not (other_unit and name == part.time):
                 place = ColumnPlace(part.file, name, None if name == part.time else t)
                 empty = np.isnan(values) & (name != part.time) & sensor.may_be_silent
                 findings = findings + columns.not_finite(np.where(empty, 0.0, values), place)
+        if other_unit:
+            return None, [*findings, *other_unit]
         if t is not None and np.isfinite(t).all():
             findings = findings + columns.not_increasing(t, ColumnPlace(part.file, part.time))
             if gap_limits := sensor.gap_limits_s(limits):
@@ -83,6 +86,15 @@ class Tables:
         if structural or t is None:
             return None, findings
         return Columns(t, tuple(v for name in sensor.columns(part) if (v := read[name]) is not None)), findings
+
+    @staticmethod
+    def _in_another_unit(part: Table, t: Array, limits: CheckLimits) -> list[Finding]:
+        """Return an error where all times of a table, s, are beyond what can be; of the IMU its rate says more."""
+        beyond = columns.times_of_another_unit(t, ColumnPlace(part.file, part.time), part.time_unit)
+        if beyond and isinstance(part, Imu):
+            interval = interval_finding(median_interval(t), part.file, part.time, limits, part.time_unit)
+            return beyond if interval is None else [interval]
+        return beyond
 
 
 def canonical_table(part: Table, columns: Columns) -> tuple[pd.DataFrame, Converter]:

@@ -180,8 +180,8 @@ def smooth(
     if config is not None and not isinstance(config, SmoothConfig):
         given = type(config).__name__
         raise TypeError(f"smooth takes settings as trackfg.SmoothConfig.model_validate(settings) gives, not {given}")
-    raise_first(memory_faults(recording))
     config, limits = config or SmoothConfig(), limits or CheckLimits()
+    raise_first(memory_faults(recording, limits))
     sound = without_imu_faults(without_repeated_rows(recording), limits)
     if sound.imu.empty:
         raise too_short(sound, 0.0)

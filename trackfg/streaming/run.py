@@ -76,7 +76,8 @@ class StreamCounts:
                 if main == "late":
                     hint = f"a row may come {ClockLimits().hold_s:g} s after the IMU's of its time, not later"
                 elif main == "clock-jump" and table != "imu":
-                    hint = "the table events says how far their times are from the IMU's: correct its time_offset_s"
+                    where = "the table events says how far their times are from the IMU's"
+                    hint = f"{where}: correct its time_offset_s, or its time_unit"
                 sentences.append(f"{table}: {lost.total()} of {came} rows were left out ({why}). Hint: {hint}")
         return sentences
 

@@ -364,6 +364,15 @@ def test_the_estimates_are_complete_and_ready_for_json(draft: Draft, tmp_path: P
     assert {type(leaf) for leaf in leaves(page)} <= {int, float, str}
 
 
+@pytest.mark.parametrize("rows", [0, 1, 2])
+def test_a_part_of_a_run_in_which_the_tach_gave_nothing_is_diagnosed(rows: int, read: Callable[..., Recording]) -> None:
+    recording = read()
+    assert recording.tach is not None
+    estimates, _ = diagnose(replace(recording, tach=recording.tach.iloc[:rows]))
+    assert estimates.imu_rate_hz == pytest.approx(50.0)
+    assert (estimates.tach_rate_hz is None) == (rows < 2)
+
+
 def test_a_recording_of_the_imu_alone_is_diagnosed_too(make_draft: MakeDraft, tmp_path: Path) -> None:
     report = check_recording(make_draft(parts=("imu",)).write(tmp_path / "rec"))
     assert report.findings == ()

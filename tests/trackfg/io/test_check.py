@@ -124,6 +124,18 @@ def laser_in_metres(draft: Draft) -> None:
     draft["laser"]["a_lv"] /= 1000.0
 
 
+def laser_in_another_unit(draft: Draft) -> None:
+    draft["laser"]["t"] *= 1000.0
+    draft.toml["laser"][0]["time_unit"] = "us"
+
+
+def since_1970_in_us(table: str) -> Spoil:
+    def spoil(draft: Draft) -> None:
+        draft[table]["t"] = 1e6 * (draft[table]["t"] + 1_777_000_000)
+
+    return spoil
+
+
 def two_lasers_of_one_name(draft: Draft) -> None:
     draft.toml["laser"] *= 2
 
@@ -235,7 +247,21 @@ BROKEN: dict[str, tuple[Spoil, str, list[str]]] = {
         ["laser.csv, column 'a_lv'", "421.9", "as declared (m)", 'unit = "mm"', "laser[1].unit"]),
     "time in ms": (
         scale("imu", ["t"], 1000.0), "time-unit",
-        ["imu.csv, column 't': rows are 20 s apart", 'set imu.time_unit = "ms"']),
+        ["imu.csv, column 't': rows are 20 s apart (median), 0.05 a second", 'the times look like ms',
+         'set imu.time_unit = "ms", and the sensor has 50 rows a second']),
+    "time in us": (
+        scale("imu", ["t"], 1e6), "time-unit", ["rows are 2e+04 s apart", 'set imu.time_unit = "us"']),
+    "time in s declared as us": (
+        declare("imu", "time_unit", value="us"), "time-unit", ["5e+07 a second", 'set imu.time_unit = "s"']),
+    "time since 1970 in us": (
+        since_1970_in_us("imu"), "time-unit", ["rows are 2e+04 s apart", 'set imu.time_unit = "us"']),
+    "time of the tach since 1970 in us": (
+        since_1970_in_us("tach"), "time-unit",
+        ["tach.csv, column 't': 1.777e+15 s in the first row, as declared (s)", "set time_unit of this table"]),
+    "time of the tach in ms": (
+        scale("tach", ["t"], 1000.0), "time-unit", ["tach.csv, column 't'", 'set time_unit = "ms" in [tach]']),
+    "time of the lasers in ms declared as us": (
+        laser_in_another_unit, "time-unit", ["laser.csv, column 't'", 'set time_unit = "ms" in [[laser]]']),
     "wheel in mm": (
         declare("tach", "wheel_diameter_m", value=860), "tach-unit", ["tach.csv, column 'count'", "wheel_diameter_m"]),
     "gauge in mm": (
@@ -294,7 +320,7 @@ BROKEN: dict[str, tuple[Spoil, str, list[str]]] = {
     "part that is no table": (declare("gnss", value=5), "bad-value", ["key gnss: is not a table"]),
     "lasers that are no list": (declare("laser", value={}), "bad-value", ["key laser", "[[laser]]"]),
     "two lasers of one name": (two_lasers_of_one_name, "bad-value", ["key laser: two lasers have the name"]),
-    "empty table": (emptied, "empty-table", ["tach.csv: the table is empty", "at least 2 data row(s)"]),
+    "empty table": (emptied, "empty-table", ["tach.csv: the table is empty", "at least 2 data rows"]),
     "empty file": (text("tach.csv", ""), "missing-column", ["tach.csv, column 't'", "the file is empty"]),
     "truncated Parquet": (truncated_parquet, "unreadable-table", ["imu.parquet: cannot be read", "truncated"]),
     "dates for seconds": (

@@ -331,6 +331,20 @@ UNREADABLE: dict[str, tuple[Callable[[Recording], Recording], str]] = {
     "a sigma of zero": (
         lambda sound: replace(sound, fixes=sound.fixes.assign(chainage_sd_m=0.0)),
         r"^table 'fixes', column 'chainage_sd_m', data row 1 .*: 0: a sigma that is zero"),
+    "times in ms": (
+        lambda sound: replace(sound, imu=sound.imu.assign(t_s=1000.0 * sound.imu["t_s"])),
+        r"^table 'imu', column 't_s': rows are 5 s apart .*Hint: the times look like ms: multiply the times by 0.001"),
+    "times in ns": (
+        lambda sound: replace(sound, imu=sound.imu.assign(t_s=1e9 * sound.imu["t_s"])),
+        r"^table 'imu', column 't_s': rows are 5e\+06 s apart .*Hint: the times look like ns: multiply"),
+    "a first row of another clock": (
+        lambda sound: replace(sound, imu=sound.imu.assign(t_s=sound.imu["t_s"] - 1e9 * (sound.imu.index == 0))),
+        r"^table 'imu', column 't_s', data row 2 .*: no rows for 1e\+09 s before this one; expected at most"),
+    "a tach without rows": (
+        lambda sound: replace(sound, tach=sound.tach.iloc[:0]),
+        r"^table 'tach': the table is empty; expected at least 2 data rows. Hint: leave the sensor out"),
+    "a tach of one row": (
+        lambda sound: replace(sound, tach=sound.tach.iloc[:1]), r"^table 'tach': the table has 1 row; expected"),
     "a tach that is not described": (
         lambda sound: replace(sound, description=sound.description.model_copy(update={"tach": None})),
         r"^table 'tach': the recording has this table, but its description has no \[tach\]"),
@@ -345,6 +359,13 @@ def test_tables_in_memory_are_refused_by_the_rules_of_files(name: str) -> None:
     described = recording.description.model_copy(update={"fixes": Fixes(file="fixes.csv")})
     with pytest.raises(BadInputError, match=message):
         smooth(spoil(replace(recording, description=described, fixes=fixes)))
+
+
+def test_a_part_of_a_run_may_have_no_fixes() -> None:
+    recording = simulate("mainline", seed=1, duration_s=20.0).recording
+    fixes = pd.DataFrame({"t_s": [5.0], "chainage_m": [10.0], "chainage_sd_m": [0.2]})
+    described = recording.description.model_copy(update={"fixes": Fixes(file="fixes.csv")})
+    assert smooth(replace(recording, description=described, fixes=fixes.iloc[:0])).summary.converged
 
 
 @pytest.mark.parametrize("duration_s", [0.005, 0.3])

@@ -134,7 +134,9 @@ def test_losses_name_tables_and_what_could_not_be_read() -> None:
     counts.broken = "run.mcap: cannot be read beyond message 9 (EndOfFile)"
     assert counts.losses()[0] == counts.broken
     counts.left_out["gnss"] = Counter({"clock-jump": 99})
-    assert counts.losses()[-1].endswith("how far their times are from the IMU's: correct its time_offset_s")
+    assert counts.losses()[-1].endswith(
+        "how far their times are from the IMU's: correct its time_offset_s, or its time_unit"
+    )
 
 
 def test_json_lines_in_and_out(recording: Path) -> None:

@@ -1,4 +1,4 @@
-"""Units and axes of the IMU that cannot be: by its interval, by gravity, and by angular rates and curves."""
+"""Units and axes of the IMU that cannot be: by gravity, and by angular rates and curves."""
 
 from __future__ import annotations
 
@@ -8,24 +8,11 @@ import pandas as pd
 from trackfg.checks import diagnosis_axes
 from trackfg.checks.columns import too_fast_hint
 from trackfg.checks.limits import CheckLimits
-from trackfg.numerics.units import STANDARD_GRAVITY, known_units, to_si
+from trackfg.numerics.units import STANDARD_GRAVITY, to_si
 from trackfg.recording.canonical import imu_rotation
 from trackfg.recording.description import Imu
 from trackfg.recording.findings import Finding, Level
 from trackfg.sensors.averages import Motion
-
-
-def interval_findings(imu: Imu, table: pd.DataFrame, limits: CheckLimits) -> list[Finding]:
-    """Return an error where rows of the IMU are further apart, or closer together, than those of any sensor."""
-    interval = float(np.median(np.diff(table["t_s"])))
-    low, high = limits.imu_interval_s
-    if low <= interval <= high:
-        return []
-    raw = interval / to_si("time", imu.time_unit)
-    units = [unit for unit in known_units("time") if 2e-4 <= raw * to_si("time", unit) <= high]
-    hint = f'set imu.time_unit = "{units[0]}"' if units else "check the time column and imu.time_unit"
-    message, expected = f"rows are {interval:.4g} s apart (median)", f"{low:g} to {high:g} s"
-    return [Finding("error", "time-unit", message, file=imu.file, column=imu.time, expected=expected, hint=hint)]
 
 
 def gravity_findings(imu: Imu, table: pd.DataFrame, toml: str, limits: CheckLimits) -> list[Finding]:

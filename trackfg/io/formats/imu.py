@@ -21,7 +21,6 @@ class ImuFormat(SensorFormat[Imu]):
     key = "imu"
     model = Imu
     canonical = IMU_COLUMNS
-    min_rows = 10
 
     def columns(self, part: Imu) -> tuple[str, ...]:
         """Three of the gyro, three of the accelerometer."""

@@ -80,15 +80,14 @@ class SensorFormat(ABC, Generic[Part]):
     """The table of one kind of sensor.
 
     ``key`` is the part's name in ``recording.toml``, ``model`` its class, ``canonical`` the columns in memory, the time
-    first. With ``several`` the key holds a list, one table per sensor. A table of fewer than ``min_rows`` rows says
-    nothing. If a sensor ``may_be_silent``, empty cells are no fault, and rows without a value are left out.
+    first. With ``several`` the key holds a list, one table per sensor. If a sensor ``may_be_silent``, empty cells are
+    no fault, and rows without a value are left out.
     """
 
     key: ClassVar[str]
     model: ClassVar[type[Table]]
     canonical: ClassVar[tuple[str, ...]]
     several: ClassVar[bool] = False
-    min_rows: ClassVar[int] = 1
     may_be_silent: ClassVar[bool] = False
 
     @abstractmethod

@@ -55,7 +55,6 @@ class TachFormat(SensorFormat[Tach]):
     key = "tach"
     model = Tach
     canonical = TACH_COLUMNS
-    min_rows = 2
 
     def columns(self, part: Tach) -> tuple[str, ...]:
         """One."""

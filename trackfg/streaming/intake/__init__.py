@@ -14,7 +14,7 @@ module              what it finds out, and by what
 
 Times of the stream are the sensor's plus what ``imu_clock`` and ``reorder_buffer`` add, less what ``clock_jumps`` takes
 off. ``conversion``, ``row_checks`` and the faults of the IMU (:mod:`trackfg.checks.inertial.imu_faults`) see to the
-values, ``gravity_check`` to the axes and units of the IMU's first rows, ``rate_check`` to the unit of its rates,
-``speed_check`` to that of a receiver's speeds, ``held_rows`` to values that it repeats, ``repeated_rows`` to those of a
-slow IMU; ``intake`` puts all of them in a row.
+values, ``interval_check`` to the unit of the IMU's times, ``gravity_check`` to the axes and units of its first rows,
+``rate_check`` to the unit of its rates, ``speed_check`` to that of a receiver's speeds, ``held_rows`` to values that it
+repeats, ``repeated_rows`` to those of a slow IMU; ``intake`` puts all of them in a row.
 """

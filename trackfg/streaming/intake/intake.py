@@ -1,6 +1,6 @@
 """The intake turns batches as a source gives them into sound, canonical rows in the order of time, and events.
 
-    timestamps -> reorder buffer -> repeated and interpolated rows and faults of the IMU -> conversion
+    timestamps -> interval check -> reorder buffer -> repeated and interpolated rows and faults of the IMU -> conversion
         -> gravity, row checks, held rows, rates, speeds -> clock jumps
 
 :meth:`Intake.state` is everything that carries over from one batch to the next: an intake restored from it and given
@@ -27,6 +27,7 @@ from trackfg.streaming.intake.conversion import Conversion
 from trackfg.streaming.intake.gravity_check import GravityCheck
 from trackfg.streaming.intake.held_rows import HeldRows
 from trackfg.streaming.intake.imu_clock import ClockLimits
+from trackfg.streaming.intake.interval_check import IntervalCheck
 from trackfg.streaming.intake.rate_check import RateCheck
 from trackfg.streaming.intake.reorder_buffer import ReorderBuffer
 from trackfg.streaming.intake.repeated_rows import RepeatedRows
@@ -47,6 +48,7 @@ class Intake:
     description: RecordingDescription
     reorder_buffer: ReorderBuffer
     timestamps: Timestamps | None
+    interval_check: IntervalCheck
     conversion: Conversion | None
     gravity_check: GravityCheck | None
     rate_check: RateCheck | None
@@ -78,6 +80,7 @@ class Intake:
             description=description,
             reorder_buffer=ReorderBuffer.of(described_tables(description), limits),
             timestamps=None if canonical else Timestamps.of(description),
+            interval_check=IntervalCheck(checks),
             conversion=None if canonical else Conversion(description),
             gravity_check=None if canonical else GravityCheck(checks),
             rate_check=None if canonical else RateCheck(checks),
@@ -105,13 +108,15 @@ class Intake:
     def push(self, batch: Batch) -> tuple[Rows, tuple[Event, ...]]:
         """Return the rows that are complete after a batch, and the events.
 
-        Raises :class:`~trackfg.errors.BadInputError` where the IMU's first rows do not show gravity where the
-        description says.
+        Raises :class:`~trackfg.errors.BadInputError` where the IMU's first rows come at a rate that no sensor has, or
+        do not show gravity where the description says.
         """
         self.rows_in += sum(rows.shape[0] for rows in batch.tables.values())
         for event in batch.events:
             self.report.note(event)
         tables = batch.tables if self.timestamps is None else self.timestamps.on_common_clock(batch.tables)
+        if "imu" in tables:
+            self.interval_check.take(tables["imu"][:, 0], self.description.imu, canonical=self.timestamps is None)
         rows = self._sound(self.reorder_buffer.push(tables, self.report))
         return self._explained(rows, self.report.end_of_push())
 
@@ -123,7 +128,11 @@ class Intake:
         """Return the rest at the end of the stream."""
         tables: dict[str, Array] = {}
         if self.timestamps is not None:
-            tables = self.reorder_buffer.push(self.timestamps.on_common_clock({}, last=True), self.report)
+            tables = self.timestamps.on_common_clock({}, last=True)
+            if "imu" in tables:
+                self.interval_check.take(tables["imu"][:, 0], self.description.imu, canonical=False)
+            tables = self.reorder_buffer.push(tables, self.report)
+        self.interval_check.finish(self.description.imu, canonical=self.timestamps is None)
         rest = self.reorder_buffer.finish(self.report)
         rows = self._sound(joined_tables([tables, rest]), last=True)
         return self._explained(rows, self.report.end_of_stream(), last=True)
