@@ -13,8 +13,8 @@ from datetime import UTC, datetime, timedelta
 import pandas as pd
 
 from trackfg.checks.clock_overlap import clock_findings, of_this_run
+from trackfg.checks.columns import interval_finding
 from trackfg.checks.inertial.inertial_units import gravity_findings, gyro_findings
-from trackfg.checks.inertial.sampling_interval import interval_finding
 from trackfg.checks.limits import CheckLimits
 from trackfg.checks.sizes import unusual_size
 from trackfg.numerics.arrays import Array

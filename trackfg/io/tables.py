@@ -12,7 +12,6 @@ import pandas as pd
 
 from trackfg.checks import columns
 from trackfg.checks.columns import ColumnPlace
-from trackfg.checks.inertial.sampling_interval import interval_finding
 from trackfg.checks.limits import CheckLimits
 from trackfg.io.formats.registry import format_of
 from trackfg.io.formats.sensor_format import Converter, ReadColumns
@@ -92,7 +91,7 @@ class Tables:
         """Return an error where all times of a table, s, are beyond what can be; of the IMU its rate says more."""
         beyond = columns.times_of_another_unit(t, ColumnPlace(part.file, part.time), part.time_unit)
         if beyond and isinstance(part, Imu):
-            interval = interval_finding(median_interval(t), part.file, part.time, limits, part.time_unit)
+            interval = columns.interval_finding(median_interval(t), part.file, part.time, limits, part.time_unit)
             return beyond if interval is None else [interval]
         return beyond
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from trackfg.checks.inertial.sampling_interval import interval_finding
+from trackfg.checks.columns import interval_finding
 from trackfg.checks.limits import CheckLimits
 from trackfg.errors import BadInputError
 from trackfg.numerics.arrays import Array
