@@ -37,6 +37,11 @@ _SHORTEST = 2.0**-10
 _LONGEST = 8.0
 """A step is doubled no further than this multiple of it."""
 
+_AS_EXPECTED = 2.0**-5
+"""A cost that falls as expected up to this share of it is a parabola, which twice the step leads back up: what it is off
+by would have to grow with more than the fifth power of the step to make that lower.
+"""
+
 _ROUGH = 3.0
 """In sigmas per square root of the number of variables: until a step is shorter, gentler losses stand in."""
 
@@ -197,12 +202,11 @@ def _step(
     Where a step straight ahead does not lower the cost, the same one along arcs may.
 
     Reweighted least squares steps are too short where robust weights still change, so a step that helps is doubled for
-    as long as that helps more. Twice the step is tried where the parabola through the last cost is lower there: at the
-    begin of the step its slope is ``-|R d|^2``.
+    as long as that helps more; but not where the cost falls by what the linear system expects, ``|R d|^2 / 2``.
     """
     trials = 0
     enough = cost * (1.0 + 1e-12)
-    step, slope = root.solution(), root.length**2
+    step, expected = root.solution(), 0.5 * root.length**2
 
     def tried(moved: States) -> tuple[States, float]:
         nonlocal trials
@@ -221,9 +225,8 @@ def _step(
         if scale < _SHORTEST:
             return None, trials
         best = attempt(scale)
-    while 1.0 <= scale < _LONGEST and 3.0 * (cost - best[1]) > 2.0 * scale * slope:
-        longer = attempt(2.0 * scale)
-        if longer[1] >= best[1]:
-            break
+    if scale == 1.0 and abs(cost - best[1] - expected) < _AS_EXPECTED * expected:
+        return best, trials
+    while scale >= 1.0 and scale < _LONGEST and (longer := attempt(2.0 * scale))[1] < best[1]:
         best, scale = longer, 2.0 * scale
     return best, trials

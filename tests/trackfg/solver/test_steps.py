@@ -79,6 +79,16 @@ def test_a_step_that_helps_is_doubled_while_that_helps_more() -> None:
     assert once.states.odo.distance[0] == pytest.approx(20.0 + 2.0 * 3.964, abs=1e-3)
 
 
+def test_a_step_that_is_too_short_is_doubled_where_less_is_gained_than_expected() -> None:
+    """The residual x^2 at x = 1: the step is -x / 2 wherever it begins, half as long as it ought to be. Twice as long
+    it ends at the minimum, four times as long at -1, where the cost is that of the start.
+    """
+    graph = one_keyframe(1.0, of_distance(np.square, lambda x: 2.0 * x))
+    once = solve(graph, TIGHT.model_copy(update={"max_iterations": 1}))
+    assert once.states.odo.distance[0] == pytest.approx(0.0, abs=1e-9)
+    assert once.cost < 1e-12 < once.initial_cost
+
+
 def test_a_step_is_not_doubled_where_the_cost_is_a_parabola() -> None:
     """Two fixes without a loss: the full step ends at their mean."""
     fixes = absolute_fix(np.zeros(2, dtype=np.int64), np.array([0.0, 30.0]), np.ones((2, 1)), None)
