@@ -196,7 +196,7 @@ class FixedLagSmoother:
             moving.prepare(t)
         elif moving.running is None:
             self._buffer.forget(self._buffer.until - _KEPT_S, self._buffer.until - _KEPT_S)
-        estimates = self._tested(_estimates_of(_table(filtered), outputs))
+        estimates = _estimates_of(_table(filtered), outputs)
         if moving.running is None or not self._doubts.are_due(self._buffer.until):
             return estimates
         return estimates._replace(events=(*estimates.events, *self._doubts.new(self._doubted())))
@@ -204,10 +204,11 @@ class FixedLagSmoother:
     def finish(self) -> Estimates:
         """Return what is left when no more rows come; nothing where they were too few to begin with."""
         outputs, update = self._work_due(), self._moving.add_last_keyframe()
+        filtered = [] if update is None else [self._filtered_row(update)]
         outputs += self._work_due(at_end=True)
         if (waiting := self._moving.waiting_event()) is not None:
             outputs.append(PassOutput([], (waiting,)))
-        last = self._tested(_estimates_of(_table([] if update is None else [self._filtered_row(update)]), outputs))
+        last = _estimates_of(_table(filtered), outputs)
         return last._replace(events=(*last.events, *self._doubted()))
 
     def _doubted(self) -> tuple[Event, ...]:
@@ -221,13 +222,6 @@ class FixedLagSmoother:
             doubts += (*running.noise.events(until), *running.gnss.events(until), *running.gnss_speeds.events(until))
             doubts += clock_doubts(running.newest.states.clock[0], self.config, until)
         return doubts
-
-    def _tested(self, estimates: Estimates) -> Estimates:
-        running = self._moving.running
-        linear = running is not None and running.heading_known  # else sigmas are not those of the rows
-        self._sigma_test.put(estimates.filtered if linear else NO_TRAJECTORY, estimates.smoothed)
-        self._roll_test.put(estimates.smoothed)
-        return estimates
 
     def state(self) -> Snapshot:
         """Return everything that carries over from one call to the next."""
@@ -268,7 +262,10 @@ class FixedLagSmoother:
         over, interval, end = np.array([RATE_WINDOW_S]), np.zeros(1, dtype=np.int64), np.ones(1)
         forward = mount_matrix(two.mount)[0, :, 0]
         motion = DenseMotion(at, two.nav[1:], two.odo.distance[1:], rate, over, interval, end, forward)
-        return np.concatenate(list(trajectory_columns(run, motion, two, covariance).values()))
+        row = np.concatenate(list(trajectory_columns(run, motion, two, covariance).values()))
+        if self._running.heading_known:  # else sigmas are not those of the rows
+            self._sigma_test.expect(row)
+        return row
 
     def _work_due(self, *, at_end: bool = False) -> list[PassOutput]:
         """Do what is due besides filtered rows: a relinearisation pass, and the next piece of the tables."""
@@ -294,6 +291,7 @@ class FixedLagSmoother:
             begin_s = tables.done_s
             pieces = [tables.next_piece(self._buffer, inputs, settled, at_end=at_end)]
             self._moving.votes.written_s = tables.done_s
+            self._test_trajectory(pieces[0].trajectory)
             self._test_samples(self._buffer.intervals(begin_s, tables.done_s), running, pieces[0])
         locator = self._locator
         events = self._moving.votes.pop_events() if locator is None else self._locate(locator, pieces, step)
@@ -306,6 +304,10 @@ class FixedLagSmoother:
             self._buffer.forget(older, newer)
         events = (*events, *(() if step.event is None else (step.event,)))
         return [PassOutput(pieces, (*(event for piece in pieces for event in piece.events), *events))]
+
+    def _test_trajectory(self, smoothed: pd.DataFrame) -> None:
+        self._sigma_test.put(smoothed)
+        self._roll_test.put(smoothed)
 
     def _test_samples(self, samples: Intervals, running: RunningWindow, led_to: Tables) -> None:
         """Take samples, and the tables that they led to, into the tests of what the sensor makes of the track."""
@@ -322,6 +324,7 @@ class FixedLagSmoother:
         if self._tables is not None and lost.left is not None:
             inputs = self._table_input(lost.left, lost.left.window, lost.left.root)
             pieces = [self._tables.next_piece(self._buffer, inputs, lost.begin_s, at_end=True)]
+            self._test_trajectory(pieces[0].trajectory)
             done_s = lost.begin_s
         self._begin_tables_after(done_s)
         self._sigma_test.lost = lost.begin_s, lost.begin_s + START_S

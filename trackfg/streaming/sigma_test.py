@@ -35,6 +35,9 @@ _CHANCE = 1e-3
 _LEAST_RATIO = 1.3
 """Below this ratio there is no doubt: runs of right sigmas have up to 1.2 (`tools/robustness.py`, clean)."""
 
+_COLUMNS = 1 + 2 * len(QUANTITIES)
+"""Columns of a trajectory: the time, and each quantity with its sigma."""
+
 _ALSO: dict[str, tuple[Quantity, ...]] = {"roll": ("cross_level",), "pitch": ("gradient",)}
 """Quantities of the track that are the same angle, and doubted with it."""
 
@@ -49,31 +52,34 @@ _LASTING = 0.999
 class SigmaTest:
     """Sums over the differences of each quantity of a trajectory.
 
-    ``waiting`` (w, 17): filtered rows that have no smoothed ones yet, ``newest`` (0 or 1, 17) the newest smoothed row;
+    ``waiting``: filtered rows (17,) that have no smoothed ones yet, ``newest`` (0 or 1, 17) the newest smoothed row;
     ``sums`` (8, 3): the number of whitened differences, the sum of their squares, and that of their products with the
     one before; ``before`` (8,): the last one, NaN at first. ``lost``: between these times, s, filtered rows are of a
     window that was lost, and smoothed ones of the next, whose frame is another without GNSS.
     """
 
-    waiting: Array = field(default_factory=lambda: np.zeros((0, 1 + 2 * len(QUANTITIES))))
-    newest: Array = field(default_factory=lambda: np.zeros((0, 1 + 2 * len(QUANTITIES))))
+    waiting: list[Array] = field(default_factory=list)
+    newest: Array = field(default_factory=lambda: np.zeros((0, _COLUMNS)))
     sums: Array = field(default_factory=lambda: np.zeros((len(QUANTITIES), 3)))
     before: Array = field(default_factory=lambda: np.full(len(QUANTITIES), np.nan))
     lost: Span = (np.inf, np.inf)
     _doubted: dict[str, bool] = field(default_factory=dict, metadata=DERIVED)
     """What :meth:`doubts` has reported of these sums, by column: it is asked with every batch of rows."""
 
-    def put(self, filtered: pd.DataFrame, smoothed: pd.DataFrame) -> None:
-        """Take the next rows of both tables, whose columns are those of a trajectory."""
-        if len(filtered):
-            self.waiting = np.concatenate([self.waiting, filtered.to_numpy(dtype=np.float64)])
+    def expect(self, filtered: Array) -> None:
+        """Take the next filtered row (17,), whose columns are those of a trajectory; smoothed ones come later."""
+        self.waiting.append(filtered)
+
+    def put(self, smoothed: pd.DataFrame) -> None:
+        """Take the next smoothed rows, whose columns are those of a trajectory."""
         if not len(smoothed):
             return
         rows = np.concatenate([self.newest, smoothed.to_numpy(dtype=np.float64)])
         self.newest = rows[-1:].copy()
-        t, first, last = self.waiting[:, 0], rows[0, 0], rows[-1, 0]
-        matched = self.waiting[(t >= first) & (t <= last) & ((t <= self.lost[0]) | (t >= self.lost[1]))]
-        self.waiting = self.waiting[t > last].copy()
+        waiting = np.array(self.waiting).reshape(-1, _COLUMNS)
+        t, first, last = waiting[:, 0], rows[0, 0], rows[-1, 0]
+        matched = waiting[(t >= first) & (t <= last) & ((t <= self.lost[0]) | (t >= self.lost[1]))]
+        self.waiting = self.waiting[np.searchsorted(t, last, side="right") :]
         self._doubted = {}
         for i in range(len(QUANTITIES)):
             self._add(i, _in_sigmas(matched, rows, 1 + 2 * i, is_angle=QUANTITIES[i].endswith("_rad")))

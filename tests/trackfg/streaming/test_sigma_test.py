@@ -20,6 +20,12 @@ def rows(t: np.ndarray, sd: float, **columns: np.ndarray) -> pd.DataFrame:
     return table.assign(**dict.fromkeys(values, 0.0)).assign(t_s=t, **columns)
 
 
+def put(test: SigmaTest, filtered: pd.DataFrame, smoothed: pd.DataFrame) -> None:
+    for row in filtered.to_numpy():
+        test.expect(row)
+    test.put(smoothed)
+
+
 def put_through(difference_sd: float, *, lasting: int = 1, yaw: float = 0.0) -> SigmaTest:
     """Put rows of 400 s in pieces of 10 s, the smoothed ones later, as a stream does."""
     test, t = SigmaTest(), np.arange(400.0)
@@ -29,9 +35,8 @@ def put_through(difference_sd: float, *, lasting: int = 1, yaw: float = 0.0) -> 
     filtered = rows(t, FILTERED_SD, chainage_m=10.0 * t + off, yaw_rad=-turned if yaw else turned)
     smoothed = rows(t, SMOOTHED_SD, chainage_m=10.0 * t, yaw_rad=turned)
     for first in range(0, 400, 10):
-        test.put(filtered[first : first + 10], smoothed[:0])
-        test.put(filtered[:0], smoothed[max(first - 20, 0) : max(first - 10, 0)])
-    test.put(filtered[:0], smoothed[370:])
+        put(test, filtered[first : first + 10], smoothed[max(first - 20, 0) : max(first - 10, 0)])
+    test.put(smoothed[370:])
     return test
 
 
@@ -67,7 +72,8 @@ def test_rows_of_a_lost_window_are_not_held_against_the_next_one() -> None:
     test, t = SigmaTest(), np.arange(200.0)
     test.lost = 100.0, 110.0
     east, away = 0.4 * np.random.default_rng(1).standard_normal(200), 50.0 * (t > 100.0)
-    test.put(rows(t, FILTERED_SD, east_m=east + np.where(t < 110.0, 0.0, away)), rows(t, SMOOTHED_SD, east_m=away))
+    filtered = rows(t, FILTERED_SD, east_m=east + np.where(t < 110.0, 0.0, away))
+    put(test, filtered, rows(t, SMOOTHED_SD, east_m=away))
     assert test.events(200.0) == ()
 
 
@@ -84,7 +90,7 @@ def test_what_is_rough_between_rows_is_no_doubt(offset_s: float) -> None:
     at = np.arange(100, len(fine) - 2, 20) + round(offset_s / 0.05)
     off = 0.4 * draws.standard_normal(len(at))
     filtered = rows(fine[at], FILTERED_SD, pitch_rad=np.radians(pitch[at]) + off)
-    test.put(filtered, rows(fine[::2], SMOOTHED_SD, pitch_rad=np.radians(pitch[::2])))
+    put(test, filtered, rows(fine[::2], SMOOTHED_SD, pitch_rad=np.radians(pitch[::2])))
     assert test.events(400.0) == ()
     assert test.sums[6, 1] / test.sums[6, 0] == pytest.approx(1.0, rel=0.15)
 
