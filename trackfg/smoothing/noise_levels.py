@@ -58,7 +58,7 @@ _NONE = 1e-3
 _NEARBY = 15
 """Intervals that share a level, some 15 s in motion: a stretch of track, a braking."""
 
-_RAISED = 1.1
+RAISED = 1.1
 """A level that would change by less stays: sigmas would hardly change."""
 
 _NO_SUMS = np.zeros(2)
@@ -133,13 +133,13 @@ def levels_seen(squares: Array | float, redundancy: Array | float, tests: float 
     """
     degrees = np.maximum(redundancy, _NONE)
     variance = (_AGREEING + squares) / (_AGREEING + degrees)
-    significant = exceeds_chance(squares / degrees, degrees, _BY_CHANCE / tests) & (variance > _RAISED**2)
+    significant = exceeds_chance(squares / degrees, degrees, _BY_CHANCE / tests) & (variance > RAISED**2)
     return np.asarray(np.where(significant, np.sqrt(variance), 1.0))
 
 
 def settled(before: Array, seen: Array) -> Array:
     """Return the levels ``seen``, and those ``before`` where they would change too little."""
-    return np.where(np.abs(np.log(seen / before)) < np.log(_RAISED), before, seen)
+    return np.where(np.abs(np.log(seen / before)) < np.log(RAISED), before, seen)
 
 
 def _level_like(other: float, squares: float, redundancy: float) -> float:
@@ -210,7 +210,7 @@ def _with_level(
     squares *= level**2
     estimate = float(levels_seen(squares, redundancy)) if other == 1.0 else _level_like(other, squares, redundancy)
     factor = estimate / level
-    if abs(np.log(factor)) < np.log(_RAISED):
+    if abs(np.log(factor)) < np.log(RAISED):
         return problem
 
     def scaled(family: Family) -> Family:

@@ -8,8 +8,8 @@ that of the newest one. A stream only widens them: what it has marginalised it c
 
 Residuals of positions are those of wheel and inertial sensor where these err by more than is assumed of them. So GNSS
 is not judged while another group of residuals is further beyond its sigmas
-(:mod:`trackfg.streaming.window.noise_record`), nor while those of the speed are doubted
-(:mod:`trackfg.streaming.sigma_test`), and what was learnt is forgotten.
+(:mod:`trackfg.streaming.window.noise_record`), nor, if residuals have shown another group to be noisier than declared,
+while the sigmas of the speed are doubted (:mod:`trackfg.streaming.sigma_test`), and what was learnt is forgotten.
 
 If the stream is what errs, its residuals grow as positions lose their weight, and they would lose more. So where they
 have had little for longer than a receiver's errors last, and residuals are beyond the level that was seen when that

@@ -24,7 +24,15 @@ from trackfg.factors.imu import Preintegration
 from trackfg.numerics.arrays import Array
 from trackfg.results.events import Event
 from trackfg.sensors.imu_noise import NoiseAtRest, NoiseFloor, RestNoise
-from trackfg.smoothing.noise_levels import FAMILIES, FAR_OFF, levels_over_time, levels_seen, raised_level, settled
+from trackfg.smoothing.noise_levels import (
+    FAMILIES,
+    FAR_OFF,
+    RAISED,
+    levels_over_time,
+    levels_seen,
+    raised_level,
+    settled,
+)
 from trackfg.smoothing.reassessment import others_are_worse
 from trackfg.solver.variance_components import LEAST_REDUNDANCY, Residuals
 from trackfg.streaming.window.sample_buffer import SampleBuffer
@@ -150,6 +158,11 @@ class NoiseRecord:
         gnss = ratios.get(group, 1.0)
         declared = max(level * ratios.get(name, 1.0) for name, level in self._rms_levels().items())
         return others_are_worse(ratios, gnss) or declared > max(FAR_OFF, gnss * gnss_level)
+
+    @property
+    def has_risen(self) -> bool:
+        """Return whether residuals have shown a group to be noisier than declared, rms over the stream."""
+        return any(level > RAISED for level in self._rms_levels().values())
 
     def weigh_next(self, interval: Interval, *, bridged: bool) -> Interval:
         """Return the next interval, by the inertial sensor alone, with sigmas of the newest levels."""

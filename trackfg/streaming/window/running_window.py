@@ -416,7 +416,8 @@ class RunningWindow:
     def _reassessed(self, step: WindowStep, leaving: int) -> Window:
         """Return the window with sigmas as its residuals show them; those of GNSS change with the next pass.
 
-        Of GNSS and all else, what is further beyond its sigmas is judged, as in the batch.
+        Of GNSS and all else, what is further beyond its sigmas is judged, as in the batch. A street canyon bends the
+        speed, too: doubts of it only count against the other sensors where these are noisier than declared.
         """
         window = step.window
         adapts = self.context.config.noise.adapt and self.heading_known and len(window) > 1
@@ -427,7 +428,8 @@ class RunningWindow:
                 window, window.states, covariance, self.buffer.inertial.bridged_from(window.t[:-1])
             )
         ratios, changes = ratios_of(groups), False
-        for record, doubted in ((self.gnss, self.speed_doubted), (self.gnss_speeds, False)):
+        speed_doubted = self.speed_doubted and self.noise.has_risen
+        for record, doubted in ((self.gnss, speed_doubted), (self.gnss_speeds, False)):
             level = float(np.median(record.usual))
             if doubted or self.noise.is_worse_than_gnss(ratios, GROUPS[record.kind], level):
                 record.forget()

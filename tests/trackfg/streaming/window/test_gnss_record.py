@@ -9,9 +9,12 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from trackfg.datasets.effects.catalogue import effect
 from trackfg.datasets.scenarios import Simulation, scenario, simulate
 from trackfg.datasets.sensors.positioning import GnssModel
 from trackfg.datasets.vehicle.driving import Service
+from trackfg.evaluation.scores import rms
+from trackfg.evaluation.trajectory_errors import from_the_true_start, trajectory_errors
 from trackfg.factors.family import Family
 from trackfg.factors.gnss import gnss_position
 from trackfg.factors.loss import Huber
@@ -124,8 +127,8 @@ def run() -> Simulation:
     return simulate(replace(plan, driver=driver, adhesion=None, gnss=gnss, balises=None), seed=3, duration_s=120.0)
 
 
-def streamed(recording: Recording) -> list[Estimates]:
-    source = RecordingSource(recording, batch_s=1.0)
+def streamed(recording: Recording, *, batch_s: float = 1.0) -> list[Estimates]:
+    source = RecordingSource(recording, batch_s=batch_s)
     smoother, intake = FixedLagSmoother(source.description, lag_s=20.0), Intake.of(source)
     pieces = [smoother.put(intake.push(batch)[0]) for batch in source]
     return [*pieces, smoother.put(intake.finish()[0]), smoother.finish()]
@@ -149,6 +152,32 @@ def test_a_street_canyon_is_not_followed_at_its_declared_sigmas(run: Simulation,
         off = table[name].to_numpy() - np.interp(table["t_s"], right["t_s"], right[name])
         error[name] = np.abs(off) / table[f"{name}_sd"]
     assert max(values.max() for values in error.values()) < 4.0
+
+
+@pytest.mark.slow
+def test_canyons_that_bend_the_speed_are_blamed_on_gnss() -> None:
+    """The wheel's scale is learnt in a canyon, and the sigmas of the speed are doubted for it; in whatever batches the
+    rows come.
+    """
+    plan = scenario("mainline")
+    assert isinstance(plan.driver, Service)
+    plan = replace(
+        plan,
+        driver=replace(plan.driver, start_rest_s=20.0),
+        line=replace(plan.line, station_spacing_m=2000.0),
+        gnss=GnssModel(sd_m=(2.0, 2.0, 4.0), antenna_m=(2.0, 0.0, 3.0)),
+        latitude_deg=35.2,
+        balises=None,
+        effects=(effect("canyon", 10.0),),
+    )
+    run = simulate(plan, seed=11, duration_s=600.0)
+    tables = [
+        pd.concat([piece.smoothed for piece in streamed(run.recording, batch_s=batch_s)], ignore_index=True)
+        for batch_s in (20.0, 1.0)
+    ]
+    pd.testing.assert_frame_equal(*tables, check_exact=True)
+    errors = trajectory_errors(from_the_true_start(tables[0], run.truth), run.truth)
+    assert rms(errors["along_track_m"]) < 1.5 * rms(errors["along_track_m_sd"])
 
 
 @pytest.mark.slow

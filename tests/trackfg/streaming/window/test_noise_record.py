@@ -121,6 +121,15 @@ def test_gnss_is_not_judged_where_others_are_further_off() -> None:
     assert not record.is_worse_than_gnss({"gnss": 1.4, "motion": 1.0}, "gnss", 4.0)  # but positions are five times
 
 
+def test_a_group_noisier_than_declared_is_seen() -> None:
+    record = NoiseRecord()
+    assert not record.has_risen
+    record.weigh(window(), {"motion": residuals(np.ones(N))}, N)
+    assert not record.has_risen
+    record.weigh(window(N), {"motion": residuals(np.full(N, 3.0))}, N)
+    assert record.has_risen
+
+
 def test_rests_show_noise_below_the_keyframe_rate() -> None:
     """Turns that are new in each half second, of 2 rad/s, have a density of sqrt(2): with the declared 1, sqrt(3)."""
     rng = np.random.default_rng(1)
