@@ -38,8 +38,8 @@ _LONGEST = 8.0
 """A step is doubled no further than this multiple of it."""
 
 _AS_EXPECTED = 2.0**-5
-"""A cost that falls as expected up to this share of it is a parabola, which twice the step leads back up: what it is off
-by would have to grow with more than the fifth power of the step to make that lower.
+"""A cost that falls as expected up to this share of it is a parabola, which twice the step leads back up: what it is
+off by would have to grow with more than the fifth power of the step to make that lower.
 """
 
 _ROUGH = 3.0
