@@ -34,6 +34,7 @@ from trackfg.recording.unmeasured_rows import unmeasured_in
 from trackfg.sensors.averages import averaged
 from trackfg.sensors.imu_filters.accelerometer_clock import AccelerometerClock
 from trackfg.sensors.imu_filters.bandwidth import SHORTEST_D1_M, Bandwidths
+from trackfg.sensors.sampling_rate import rate_stretches
 from trackfg.sensors.tach import with_sense
 
 _TOML = "recording.toml"
@@ -72,6 +73,7 @@ def contradictions(recording: Recording, estimates: Estimates, limits: CheckLimi
         *_clock(description.tach, estimates.clock_offset),
         *_accelerometer(description.imu, estimates.accelerometer_clock),
         *_bandwidths(recording, estimates.bandwidths),
+        *_rates(recording),
         *_bias(recording, estimates.static_bias),
         *_noise(estimates.noise_density, limits),
         *_speed(description.tach, force, limits),
@@ -224,6 +226,20 @@ def _bandwidths(recording: Recording, bandwidths: Bandwidths | None) -> list[Fin
         level: Level = "warning" if is_lost else "info"
         findings.append(Finding(level, "imu-bandwidth", message, file=imu.file, column=", ".join(columns), hint=hint))
     return findings
+
+
+def _rates(recording: Recording) -> list[Finding]:
+    """Say that the rate of the IMU's samples changes, and where first."""
+    t, imu = recording.imu["t_s"].to_numpy(), recording.description.imu
+    steps = np.diff(t)
+    stretches = rate_stretches(steps)
+    if len(stretches) < 2:
+        return []
+    rates = [f"{1.0 / np.median(steps[first:end]):.3g}" for first, end in stretches]
+    shown = " to ".join(rates[:3]) + (" and so on" if len(rates) > 3 else "")
+    message = f"the rate changes from {shown} samples a second; each part has the noise of its own rate"
+    row = stretches[1][0]
+    return [ColumnPlace(imu.file, imu.time, t).at_row(row, "rate-changes", message, None, None, "info")]
 
 
 def _bias(recording: Recording, bias: StaticBias | None) -> list[Finding]:

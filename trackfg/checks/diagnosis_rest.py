@@ -60,8 +60,7 @@ def static_bias(recording: Recording, standstills: Array) -> StaticBias | None:
     spans = _spans(recording, standstills)
     if not spans:
         return None
-    gyro, accel = recording.gyro, recording.accel
-    interval = _interval(recording)
+    gyro, accel, t = recording.gyro, recording.accel, recording.imu["t_s"].to_numpy()
     weights = np.array([span.stop - span.start for span in spans], dtype=np.float64)
     means = np.array([np.append(gyro[s].mean(axis=0), np.linalg.norm(accel[s].mean(axis=0))) for s in spans])
     white = np.array([np.append(gyro[s].std(axis=0), accel[s].std(axis=0).max()) for s in spans])
@@ -78,26 +77,29 @@ def static_bias(recording: Recording, standstills: Array) -> StaticBias | None:
         accel_excess_mps2=float(mean[3] - gravity),
         accel_excess_sd_mps2=float(np.hypot(sd[3], _GRAVITY_SD if latitude is None else 0.0)),
         standstills=len(spans),
-        duration_s=float(weights.sum() * interval),
+        duration_s=float(sum((span.stop - span.start) * _interval(t, span) for span in spans)),
     )
 
 
 def noise_density(recording: Recording, standstills: Array) -> NoiseDensity | None:
-    """White noise of gyro and accelerometer; None without a standstill that holds a few averages."""
-    interval = _interval(recording)
-    size = max(1, round(_TAU_S / interval))
+    """White noise of gyro and accelerometer; None without a standstill that holds a few averages.
+
+    A mean over tau differs from the next by noise of twice the density squared over tau.
+    """
+    t = recording.imu["t_s"].to_numpy()
     declared = recording.description.imu.noise
     both = np.hstack([recording.gyro, recording.accel])
     differences = []
     for span in _spans(recording, standstills):
+        interval = _interval(t, span)
+        size = max(1, round(_TAU_S / interval))
         count = (span.stop - span.start) // size
         averages = both[span.start : span.start + count * size].reshape(count, size, 6).mean(axis=1)
-        differences.append(np.diff(averages, axis=0))
+        differences.append(np.diff(averages, axis=0) * np.sqrt(0.5 * size * interval))
     squares = np.concatenate(differences) ** 2 if differences else np.empty((0, 6))
     if squares.shape[0] < 5:
         return None
-    tau = size * interval
-    gyro, accel = (float(np.sqrt(0.5 * tau * squares[:, i : i + 3].mean())) for i in (0, 3))
+    gyro, accel = (float(np.sqrt(squares[:, i : i + 3].mean())) for i in (0, 3))
     # A difference shares an average with the next: 2/3 of them count. The sigma of a root is half of that of a square.
     relative = float(0.5 * np.sqrt(2.0 / (2.0 / 3.0 * 3.0 * squares.shape[0])))
     return NoiseDensity(
@@ -110,13 +112,14 @@ def noise_density(recording: Recording, standstills: Array) -> NoiseDensity | No
     )
 
 
-def _interval(recording: Recording) -> float:
-    return float(np.median(np.diff(recording.imu["t_s"])))
+def _interval(t: Array, span: slice) -> float:
+    """Return the sampling interval of rows at ``t`` (n,), s, in a standstill: the rate may be another one elsewhere."""
+    return float(np.median(np.diff(t[span])))
 
 
 def _spans(recording: Recording, standstills: Array) -> list[slice]:
     """The IMU rows of each standstill, less the margins, where at least a second is left."""
     t = recording.imu["t_s"].to_numpy()
-    least = 1.0 / _interval(recording)
     bounds = np.searchsorted(t, np.asarray(standstills) + np.array([_MARGIN_S, -_MARGIN_S]))
-    return [slice(int(a), int(b)) for a, b in bounds.reshape(-1, 2) if b - a >= least]
+    spans = [slice(int(a), int(b)) for a, b in bounds.reshape(-1, 2) if b - a >= 2]
+    return [span for span in spans if (span.stop - span.start) * _interval(t, span) >= 1.0]

@@ -1,7 +1,8 @@
 """Canonical rows, from a sensor's own units to SI, FLU and one clock: the formulas, over columns of any number of rows.
 
 * time: ``t = raw * unit + time_offset_s``; an IMU stamp at the start or end of the interval that a sample averages is
-  moved to its centre by half the median interval (not by each row's own, which would spread the stamps' jitter);
+  moved to its centre by half the median interval of its rate (not by each row's own, which would spread the stamps'
+  jitter);
 * IMU: ``x_body = R_mount A x_columns``, with A from ``axes`` and R_mount from ``mount_rpy_deg``;
 * tach: pulses to ``count * pi * wheel_diameter_m / pulses_per_rev``; speed by the trapezoid rule, from 0;
 * GNSS: geodetic to ENU about ``gnss.origin``, or the first row.
@@ -29,12 +30,14 @@ def seconds(part: Table, raw: Array) -> Array:
     return raw * units.to_si("time", part.time_unit)
 
 
-def on_common_clock(part: Table, t: Array, interval_s: float = 0.0) -> Array:
-    """Times on the sensor's clock (s) on that of the recording; ``interval_s`` is the IMU's median interval."""
-    offset = part.time_offset_s
-    if isinstance(part, Imu):
-        offset += {"start": 0.5, "centre": 0.0, "end": -0.5}[part.stamp] * interval_s
-    return t if offset == 0.0 else t + offset
+def on_common_clock(part: Table, t: Array, interval_s: float | Array = 0.0) -> Array:
+    """Times on the sensor's clock (s) on that of the recording; ``interval_s`` is the IMU's median interval, of all
+    rows or of each.
+    """
+    share = {"start": 0.5, "centre": 0.0, "end": -0.5}[part.stamp] if isinstance(part, Imu) else 0.0
+    if share == 0.0:
+        return t if part.time_offset_s == 0.0 else t + part.time_offset_s
+    return np.asarray(t + (part.time_offset_s + share * interval_s))
 
 
 def imu_rotation(part: Imu) -> Array:

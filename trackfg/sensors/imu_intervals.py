@@ -32,6 +32,7 @@ from trackfg.numerics.rotations import (
 )
 from trackfg.numerics.spans import median_interval, true_runs
 from trackfg.recording.model import Recording
+from trackfg.sensors.sampling_rate import local_intervals, rate_stretches
 
 _NO_BIAS = np.zeros(3)
 _SAME_S = 1e-9
@@ -71,6 +72,18 @@ class Intervals(Outlined):
             return compiled.median_step(kernel_argument(self.edges))
         return median(self.durations)
 
+    @cached_property
+    def stretches(self) -> tuple[slice, ...]:
+        """The intervals of one sampling rate each: all of them unless the rate changes."""
+        return tuple(slice(first, end) for first, end in rate_stretches(self.durations))
+
+    def usual_durations(self, rows: np.ndarray) -> float | Array:
+        """Return the median length of the intervals of the rate that there is in each of the ``rows`` (m,), s."""
+        if len(self.stretches) == 1:
+            return self.usual_duration
+        usual = np.array([self.take(rows).usual_duration for rows in self.stretches])
+        return usual[np.searchsorted([rows.stop for rows in self.stretches[:-1]], rows, side="right")]
+
     def bridged_from(self, t: Array) -> np.ndarray:
         """Return whether the record is bridged from each of some edges on, at ``t`` (m,), s. Shape (m,)."""
         return np.asarray(self.bridged[np.searchsorted(self.edges, t - _SAME_S)])
@@ -93,17 +106,25 @@ def hole_s(dt: float) -> float:
 
 
 def intervals(recording: Recording) -> Intervals:
-    """Lay the samples edge to edge; bridge holes longer than three sampling intervals (and 50 ms)."""
+    """Lay the samples edge to edge; bridge holes longer than three sampling intervals (and 50 ms).
+
+    The interval is that of the rate at each place.
+    """
     t = recording.imu["t_s"].to_numpy()
     return laid_out(t, recording.gyro, recording.accel, median_interval(t))
 
 
 def laid_out(t: Array, gyro: Array, accel: Array, dt: float, begin: float | None = None) -> Intervals:
-    """:func:`intervals` of samples at ``t`` (n,), about every ``dt`` s; the first one starts at ``begin``, if known."""
-    holes = np.flatnonzero(np.diff(t) > hole_s(dt))
+    """:func:`intervals` of samples at ``t`` (n,), about every ``dt`` s; the first one starts at ``begin``, if known.
+
+    Where the rate changes, ``dt`` is another one.
+    """
+    steps = np.diff(t)
+    local = local_intervals(steps, dt) if len(steps) else np.array([dt])
+    holes = np.flatnonzero(steps > np.maximum(_HOLE_INTERVALS * local, _HOLE_S))
     bridged = np.zeros(t.size, dtype=bool)
     if holes.size:
-        inserted = [np.linspace(t[i], t[i + 1], round((t[i + 1] - t[i]) / dt) + 1)[1:-1] for i in holes]
+        inserted = [np.linspace(t[i], t[i + 1], round(steps[i] / local[i]) + 1)[1:-1] for i in holes]
         where = np.repeat(holes + 1, [len(x) for x in inserted])
         new = np.concatenate(inserted)
         gyro = np.insert(gyro, where, interpolate_columns(new, t, gyro), axis=0)
@@ -112,7 +133,7 @@ def laid_out(t: Array, gyro: Array, accel: Array, dt: float, begin: float | None
         t = np.insert(t, where, new)
     middle = 0.5 * (t[1:] + t[:-1])
     # To the nanosecond, so that a record that starts at 0 does so exactly and covers what others measure there.
-    start, end = np.round([t[0] - 0.5 * dt, t[-1] + 0.5 * dt], 9)
+    start, end = np.round([t[0] - 0.5 * local[0], t[-1] + 0.5 * local[-1]], 9)
     edges = np.concatenate([[start if begin is None else begin], middle, [end]])
     return Intervals(edges, gyro, accel, bridged)
 
@@ -299,9 +320,9 @@ def turning(data: Intervals, keyframes: np.ndarray, gyro_bias: Array, distance: 
     return Turning(end, mean(weight), mean(weight * late))
 
 
-def samples_per_increment(data: Intervals, duration: float | Array) -> np.ndarray:
-    """Return how many samples are in increments of at most ``duration`` s, of the same shape: at least one."""
-    return np.maximum(1, np.asarray(duration / data.usual_duration + 1e-6).astype(np.int64))
+def samples_per_increment(usual_s: float | Array, duration: float | Array) -> np.ndarray:
+    """Return how many samples, each of ``usual_s`` s, are in increments of at most ``duration`` s: at least one."""
+    return np.maximum(1, np.asarray(duration / usual_s + 1e-6).astype(np.int64))
 
 
 def increment_starts(
@@ -313,7 +334,7 @@ def increment_starts(
     Returns the increments' starts as indices into ``data.edges``, with the last end appended, and for each keyframe the
     position of its first increment in that list.
     """
-    group = np.broadcast_to(samples_per_increment(data, duration), len(edges) - 1)
+    group = np.broadcast_to(samples_per_increment(data.usual_durations(edges[:-1]), duration), len(edges) - 1)
     counts = -(-np.diff(edges) // group)
     offset = np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)
     starts = np.append(np.repeat(edges[:-1], counts) + np.repeat(group, counts) * offset, edges[-1])

@@ -222,7 +222,9 @@ class NoiseFloor:
 
     @classmethod
     def of(cls, data: Intervals) -> NoiseFloor:
-        """Look at all samples of a record; one shorter than a block is not judged."""
+        """Look at all samples of a record; one shorter than a block is not judged. Each rate has a floor of its own."""
+        if len(data.stretches) > 1:
+            return cls._joined([cls.of(data.take(rows)) for rows in data.stretches])
         length = block_length(data)
         if not length:
             return cls.unknown(data)
@@ -230,6 +232,17 @@ class NoiseFloor:
         if compiled_kernels():
             return cls(blocks.knots, *blocks.by_kernel())
         return cls(blocks.knots, np.maximum(blocks.floor(), blocks.rounding()), *blocks.hidden(), *blocks.shocks())
+
+    @classmethod
+    def _joined(cls, parts: list[NoiseFloor]) -> NoiseFloor:
+        """Return that of records of which each begins where the one before ends."""
+        later = [part.knots[1:] for part in parts[1:]]
+        knots = np.concatenate([parts[0].knots, *later])
+        seen, lost_t, lost, shock_t, shock = (
+            np.concatenate([getattr(part, name) for part in parts])
+            for name in ("seen", "lost_t", "lost", "shock_t", "shock")
+        )
+        return cls(knots, seen, lost_t, lost, shock_t, shock)
 
     @classmethod
     def unknown(cls, data: Intervals) -> NoiseFloor:
@@ -266,7 +279,7 @@ def noise_seen(data: Intervals, t: Array, gyro: float, accel: float, at_rest: No
     """Return the white noise between times ``t`` (m + 1,), s, of a record of these samples, and of rests before it
     (:meth:`NoiseFloor.between`).
     """
-    if not compiled_kernels():
+    if not compiled_kernels() or len(data.stretches) > 1:
         return replace(NoiseFloor.of(data), at_rest=at_rest).between(t, gyro, accel)
     from trackfg.numerics import compiled
 
@@ -373,10 +386,13 @@ def vibration_power(data: Intervals) -> Iterator[Array]:
 
     That is the mean square, over some seconds, of what is faster than the motion of a vehicle on its springs.
     """
-    fast, lasting = vibration_widths(data)
+    widths = [(rows, *vibration_widths(data.take(rows))) for rows in data.stretches]
     for force in data.accel.T:
-        shaking = force - uniform_filter1d(force, fast)
-        yield uniform_filter1d(np.square(shaking, out=shaking), lasting, output=shaking)
+        power = np.empty(len(data))
+        for rows, fast, lasting in widths:
+            shaking = force[rows] - uniform_filter1d(force[rows], fast)
+            uniform_filter1d(np.square(shaking, out=shaking), lasting, output=power[rows])
+        yield power
 
 
 @dataclass(frozen=True)

@@ -85,6 +85,9 @@ class Blocks(NamedTuple):
         Of a sensor with a filter of such a ``bandwidth_hz`` only what is below half of it counts: further up its white
         floor falls.
         """
+        if len(data.stretches) > 1:
+            parts = [cls.of(data.take(rows), t, speed, bandwidth_hz) for rows in data.stretches]
+            return cls(*(np.concatenate(each) for each in zip(*parts, strict=True)))
         step = median_interval(data.edges) if len(data) else 1.0
         length = 2 ** round(np.log2(_BLOCK_S / step))
         starts = np.arange(0, max(len(data) - length, 0), length // 2)

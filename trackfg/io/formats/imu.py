@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from functools import partial
 
+import numpy as np
 import pandas as pd
 
 from trackfg.checks.limits import CheckLimits
@@ -13,6 +14,7 @@ from trackfg.numerics.arrays import Array
 from trackfg.recording import canonical
 from trackfg.recording.description import Imu
 from trackfg.recording.model import IMU_COLUMNS
+from trackfg.sensors.sampling_rate import local_intervals
 
 
 class ImuFormat(SensorFormat[Imu]):
@@ -31,8 +33,11 @@ class ImuFormat(SensorFormat[Imu]):
         return RowsAlone(partial(canonical.imu_in_body, part, canonical.imu_rotation(part)))
 
     def on_common_clock(self, part: Imu, t: Array) -> Array:
-        """Shift stamps at the start or end of a sample by half a median interval."""
-        return canonical.on_common_clock(part, t, spans.median_interval(t))
+        """Shift stamps at the start or end of a sample by half a median interval of the rate that there is."""
+        if len(t) < 2:
+            return canonical.on_common_clock(part, t)
+        steps = local_intervals(np.diff(t), spans.median_interval(t))
+        return canonical.on_common_clock(part, t, np.append(steps, steps[-1]))
 
     def gap_limits_s(self, limits: CheckLimits) -> tuple[float, float | None] | None:
         """An error where attitude is lost."""

@@ -81,7 +81,11 @@ class RestSpectra:
 
     @classmethod
     def of(cls, data: Intervals, rests: Array) -> RestSpectra:
-        """Return those of samples within ``rests`` (r, 2), s, away from holes."""
+        """Return those of samples within ``rests`` (r, 2), s, away from holes; where the rate changes, of the longest
+        stretch of one rate.
+        """
+        if len(data.stretches) > 1:
+            data = data.take(max(data.stretches, key=lambda rows: data.edges[rows.stop] - data.edges[rows.start]))
         step = median_interval(data.edges)
         length = 2 ** max(round(np.log2(_BLOCK_S / step)), 1)
         bands = int(2.0 * np.log2(max(_HIGHEST * 0.5 / step / _LOWEST_HZ, 1.0)))

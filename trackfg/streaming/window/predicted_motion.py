@@ -81,7 +81,7 @@ class PredictedMotion:
         cls, context: StreamContext, newest: States, data: Intervals, edges: np.ndarray, at_rest: NoiseAtRest
     ) -> PredictedMotion:
         """Predict from the ``newest`` keyframe to the next one, as :func:`next_interval.predict_interval` says."""
-        predicted = _by_kernel if compiled_kernels() else _by_arrays
+        predicted = _by_kernel if compiled_kernels() and len(data.stretches) == 1 else _by_arrays
         return predicted(context, newest, data, edges, at_rest)
 
 
@@ -116,7 +116,7 @@ def _by_kernel(
 
     t, gyro, accel = map(kernel_argument, (data.edges, data.gyro, data.accel))
     begin, end = edges.tolist()
-    group = int(samples_per_increment(data, increment_s(newest.nav.v))[0])
+    group = int(samples_per_increment(data.usual_duration, increment_s(newest.nav.v))[0])
     count = -(-(end - begin) // group)
     means, response, noise = np.empty((3, 3)), np.empty((6, Kind.IMU.dim)), np.empty((2, 6))
     increments, frame, delta, state = np.empty(7 * count), np.empty(4), np.empty(compiled.DELTA_SIZE), np.empty(15)

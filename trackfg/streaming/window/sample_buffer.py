@@ -21,6 +21,7 @@ from trackfg.recording.description import RecordingDescription
 from trackfg.recording.model import IMU_COLUMNS, LASER_COLUMNS, TACH_COLUMNS, Recording
 from trackfg.sensors.displacement import RailView, rail_views
 from trackfg.sensors.imu_intervals import Intervals, laid_out, means_around
+from trackfg.sensors.sampling_rate import RateFollower
 from trackfg.streaming.rows import NO_SAMPLES, Rows, canonical_columns, no_rows
 from trackfg.streaming.window.growable_array import GrowableArray, GrowableIntervals
 
@@ -39,11 +40,11 @@ _AT_REST_S = 0.5
 
 @dataclass
 class SampleBuffer:
-    """All rows that are still needed. ``dt`` is the sampling interval, s; None until enough samples are there."""
+    """All rows that are still needed. ``rate`` has the sampling interval; None until enough samples are there."""
 
     description: RecordingDescription
     gnss_origin: Array | None = None
-    dt: float | None = None
+    rate: RateFollower | None = None
     laid: GrowableIntervals | None = None
     """The intervals, edge to edge, with holes interpolated; None until the sampling interval is known."""
     waiting: Array = field(default_factory=lambda: no_rows("imu"))
@@ -97,9 +98,9 @@ class SampleBuffer:
 
     def end(self) -> None:
         """Take the last sample for as long as the others: no more rows come."""
-        if self.laid is not None and self.dt is not None and len(self.waiting):
+        if self.laid is not None and self.rate is not None and len(self.waiting):
             rows = self.waiting
-            self.laid.append(laid_out(rows[:, 0], rows[:, 1:4], rows[:, 4:], self.dt, self.until))
+            self.laid.append(laid_out(rows[:, 0], rows[:, 1:4], rows[:, 4:], self.rate.usual_s, self.until))
             self.samples.append(rows)
             self.waiting = rows[:0]
 
@@ -111,20 +112,28 @@ class SampleBuffer:
     def _lay_out(self) -> None:
         """Make intervals of the samples that wait, except the last: the next sample ends its interval."""
         rows = self.waiting
-        if self.dt is None:
+        if self.rate is None:
             if len(rows) < _FIRST_SAMPLES:
                 return
-            self.dt = median_interval(rows[:_FIRST_SAMPLES, 0])
+            self.rate = RateFollower(median_interval(rows[:_FIRST_SAMPLES, 0]))
         if len(rows) < 2:
             return
-        new = laid_out(rows[:, 0], rows[:, 1:4], rows[:, 4:], self.dt, None if self.laid is None else self.until)
+        first = 0
+        for count, usual_s in self.rate.pieces(np.diff(rows[:, 0])):
+            if count:
+                self._append(rows[first : first + count + 1], usual_s)
+                first += count
+        self.samples.append(rows[:-1])
+        self.waiting = rows[-1:]
+
+    def _append(self, rows: Array, usual_s: float) -> None:
+        """Append the intervals of samples (n, 7), about every ``usual_s`` s, but for that of the last one."""
+        new = laid_out(rows[:, 0], rows[:, 1:4], rows[:, 4:], usual_s, None if self.laid is None else self.until)
         new = new.take(slice(0, len(new) - 1))
         if self.laid is None:
             self.laid = GrowableIntervals.of(new)
         else:
             self.laid.append(new)
-        self.samples.append(rows[:-1])
-        self.waiting = rows[-1:]
 
     def intervals(self, begin: float, end: float) -> Intervals:
         """Return the inertial intervals that lie between two times, s."""
