@@ -77,6 +77,9 @@ class Tables:
         if other_unit:
             return None, [*findings, *other_unit]
         if t is not None and np.isfinite(t).all():
+            t, spread = sensor.with_even_times(part, ReadColumns(t, read))
+            findings = findings + spread
+        if t is not None and np.isfinite(t).all():
             findings = findings + columns.not_increasing(t, ColumnPlace(part.file, part.time))
             if gap_limits := sensor.gap_limits_s(limits):
                 findings = findings + columns.gaps(t, ColumnPlace(part.file, part.time), *gap_limits)

@@ -18,6 +18,7 @@ import pandas as pd
 
 from trackfg.checks.columns import memory_faults
 from trackfg.checks.inertial.imu_faults import without_imu_faults
+from trackfg.checks.inertial.packet_stamps import with_even_stamps
 from trackfg.checks.inertial.repeated_rows import without_repeated_rows
 from trackfg.checks.limits import CheckLimits
 from trackfg.checks.tach_correction import TachCorrection, corrected_tach
@@ -181,6 +182,7 @@ def smooth(
         given = type(config).__name__
         raise TypeError(f"smooth takes settings as trackfg.SmoothConfig.model_validate(settings) gives, not {given}")
     config, limits = config or SmoothConfig(), limits or CheckLimits()
+    recording = with_even_stamps(recording)
     raise_first(memory_faults(recording, limits))
     sound = without_imu_faults(without_repeated_rows(recording), limits)
     if sound.imu.empty:

@@ -7,12 +7,14 @@ from functools import partial
 import numpy as np
 import pandas as pd
 
+from trackfg.checks.inertial.packet_stamps import spread_evenly
 from trackfg.checks.limits import CheckLimits
-from trackfg.io.formats.sensor_format import RowsAlone, SensorFormat, WrittenTable
+from trackfg.io.formats.sensor_format import ReadColumns, RowsAlone, SensorFormat, WrittenTable
 from trackfg.numerics import spans
 from trackfg.numerics.arrays import Array
 from trackfg.recording import canonical
 from trackfg.recording.description import Imu
+from trackfg.recording.findings import Finding
 from trackfg.recording.model import IMU_COLUMNS
 from trackfg.sensors.sampling_rate import local_intervals
 
@@ -38,6 +40,14 @@ class ImuFormat(SensorFormat[Imu]):
             return canonical.on_common_clock(part, t)
         steps = local_intervals(np.diff(t), spans.median_interval(t))
         return canonical.on_common_clock(part, t, np.append(steps, steps[-1]))
+
+    def with_even_times(self, part: Imu, read: ReadColumns) -> tuple[Array | None, list[Finding]]:
+        """Spread samples that a logger stamps by the packet."""
+        channels = [channel for name in self.columns(part) if (channel := read.named[name]) is not None]
+        if read.t is None or len(channels) < len(self.columns(part)):
+            return read.t, []
+        even = spread_evenly(read.t, channels)
+        return (read.t, []) if even is None else (even.t, [even.finding(part)])
 
     def gap_limits_s(self, limits: CheckLimits) -> tuple[float, float | None] | None:
         """An error where attitude is lost."""

@@ -110,6 +110,10 @@ class SensorFormat(ABC, Generic[Part]):
         """Times on the sensor's clock (n,), s, on that of the recording."""
         return canonical.on_common_clock(part, t)
 
+    def with_even_times(self, part: Part, read: ReadColumns) -> tuple[Array | None, list[Finding]]:
+        """Return the times (n,), s, on the sensor's clock, those of packets of samples spread, and what was found."""
+        return read.t, []
+
     def gap_limits_s(self, limits: CheckLimits) -> tuple[float, float | None] | None:
         """Return the silences between rows that are doubtful and an error, s; None where rows come at any times."""
         return None

@@ -115,8 +115,7 @@ class Intake:
         for event in batch.events:
             self.report.note(event)
         tables = batch.tables if self.timestamps is None else self.timestamps.on_common_clock(batch.tables)
-        if "imu" in tables:
-            self.interval_check.take(tables["imu"][:, 0], self.description.imu, canonical=self.timestamps is None)
+        self._check_interval(tables.get("imu"))
         rows = self._sound(self.reorder_buffer.push(tables, self.report))
         return self._explained(rows, self.report.end_of_push())
 
@@ -129,13 +128,21 @@ class Intake:
         tables: dict[str, Array] = {}
         if self.timestamps is not None:
             tables = self.timestamps.on_common_clock({}, last=True)
-            if "imu" in tables:
-                self.interval_check.take(tables["imu"][:, 0], self.description.imu, canonical=False)
+            self._check_interval(tables.get("imu"))
             tables = self.reorder_buffer.push(tables, self.report)
-        self.interval_check.finish(self.description.imu, canonical=self.timestamps is None)
+        self._check_interval(None, last=True)
         rest = self.reorder_buffer.finish(self.report)
         rows = self._sound(joined_tables([tables, rest]), last=True)
         return self._explained(rows, self.report.end_of_stream(), last=True)
+
+    def _check_interval(self, rows: Array | None, *, last: bool = False) -> None:
+        imu, canonical, event = self.description.imu, self.timestamps is None, None
+        if rows is not None:
+            event = self.interval_check.take(rows, imu, canonical=canonical)
+        if last:
+            event = self.interval_check.finish(imu, canonical=canonical)
+        if event is not None:
+            self.report.note(event)
 
     def _explained(
         self, rows: Rows, events: tuple[Event, ...], *, last: bool = False
