@@ -79,6 +79,12 @@ def rectification(run: SolvedRun) -> Reassessment:
     return Reassessment(problem, findings, doubts, changed=True)
 
 
+def grown_bias(k: Array) -> str:
+    """Say what the coefficients k (3,) are, m/s^2 per (m/s^2)^2."""
+    values = ", ".join(f"{value:.2g}" for value in k)
+    return f"the accelerometer's bias grows with vibration: {values} m/s^2 per (m/s^2)^2 along x, y, z"
+
+
 def _unexplained(factor: float) -> Doubt:
     """Return the doubt of attitudes where the bias grows with vibration ``factor`` times as much as a sensor's may."""
     reason = "forces grow with vibration by more than any accelerometer rectifies: something is not modelled"
@@ -89,12 +95,11 @@ def _unexplained(factor: float) -> Doubt:
 def _findings(k: Array, is_large: bool) -> tuple[Finding, ...]:
     if not is_large:
         return ()
-    values = ", ".join(f"{value:.2g}" for value in k)
     return (
         Finding(
             level="info",
             code="vibration-rectification",
-            message=f"the accelerometer's bias grows with vibration: {values} m/s^2 per (m/s^2)^2 along x, y, z",
+            message=grown_bias(k),
             hint="mount the sensor where it shakes less, or declare rectification_sd of [imu.noise] as large",
         ),
     )

@@ -18,7 +18,7 @@ module                  content
 ``accelerometer_test``  whether the accelerometer is later than the gyro
 ``bandwidth_test``      whether the sensor is too slow for the waves of the track
 ``doubts``              when a stream reports what it doubts
-``late_clocks``         whether a clock is off by more than it allows for
+``far_priors``          whether a clock or the accelerometer is off by more than was declared
 ``back_pressure``       sparser keyframes while rows come faster than they can be handled
 ``sinks``               where estimates go: JSON lines, a callback, Parquet parts
 ``run``                 all of it in a row

@@ -44,7 +44,7 @@ from trackfg.streaming.accelerometer_test import AccelerometerTest
 from trackfg.streaming.bandwidth_test import BandwidthTest
 from trackfg.streaming.checkpoint.snapshot import Snapshot, dump, load_attributes
 from trackfg.streaming.doubts import Doubts
-from trackfg.streaming.late_clocks import clock_doubts
+from trackfg.streaming.far_priors import prior_doubts
 from trackfg.streaming.locating.map_locator import MapLocator
 from trackfg.streaming.outages import Outage, distance_after, outage_after
 from trackfg.streaming.roll_test import RollTest
@@ -220,7 +220,8 @@ class FixedLagSmoother:
             doubts += self._vibration_test.events(until, running.context.conventions)
             doubts += (*self._accelerometer_test.events(until), *self._bandwidth_test.events(until))
             doubts += (*running.noise.events(until), *running.gnss.events(until), *running.gnss_speeds.events(until))
-            doubts += clock_doubts(running.newest.states.clock[0], self.config, until)
+            declared = self._buffer.description.imu.noise.rectification_sd
+            doubts += prior_doubts(running.newest.states, self.config, declared, until)
         return doubts
 
     def state(self) -> Snapshot:
