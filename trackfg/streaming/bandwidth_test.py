@@ -30,7 +30,7 @@ class BandwidthTest:
             spectra = RestSpectra.of(samples, rests)
             if self.spectra is None:
                 self.spectra = spectra
-            elif len(spectra.edges) == len(self.spectra.edges):  # else of another rate
+            elif spectra.lines.any() and len(spectra.edges) == len(self.spectra.edges):  # else of another rate
                 self.spectra += spectra
         if len(geometry):
             waves = ShortWaves.of(geometry, step_m)

@@ -14,6 +14,7 @@ half.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -91,12 +92,12 @@ class RestSpectra:
         bands = int(2.0 * np.log2(max(_HIGHEST * 0.5 / step / _LOWEST_HZ, 1.0)))
         edges: Array = _LOWEST_HZ * np.exp2(0.5 * np.arange(bands + 1, dtype=np.float64))
         logs, lines = np.zeros((2, bands)), np.zeros(bands)
-        if length > len(data):
+        resting = within(data.edges[:-1], rests) & within(data.edges[1:], rests) & ~data.bridged
+        if np.count_nonzero(resting) < length:
             return cls(logs, lines, edges)
         band = np.searchsorted(edges, np.fft.rfftfreq(length, step), side="right") - 1
         inside = (band >= 0) & (band < bands)
         window = np.hanning(length + 1)[:-1, None]
-        resting = within(data.edges[:-1], rests) & within(data.edges[1:], rests) & ~data.bridged
         for begin, end in true_runs(resting):
             for start in range(begin, end - length + 1, length):
                 for sensor, samples in enumerate((data.gyro, data.accel)):
@@ -110,7 +111,7 @@ class RestSpectra:
     def __add__(self, other: RestSpectra) -> RestSpectra:
         return RestSpectra(self.logs + other.logs, self.lines + other.lines, self.edges)
 
-    @property
+    @cached_property
     def bandwidths(self) -> Bandwidths:
         """The bandwidths that the spectra show."""
         known = self.lines >= _FEWEST_LINES
