@@ -135,14 +135,15 @@ class NoiseRecord:
                 level = previous[group.keyframe, i]
                 estimate, usual = levels_over_time(group, level, self.sums[i], self.all_sums[i])
                 inertial[group.keyframe, i] = settled(level, estimate)
-                marginalised[i] = _sums(group, level, usual & first)
-                all_marginalised[i] = _sums(group, level, first)
+                each = _per_factor(group, level)
+                marginalised[i] = each[:, usual & first].sum(axis=1)
+                all_marginalised[i] = each[:, first].sum(axis=1)
             else:
-                level = np.full(len(first), self.others[k])
-                squares, redundancy = self.sums[i] + _sums(group, level, np.full(len(first), True))
+                each = _per_factor(group, self.others[k])
+                squares, redundancy = self.sums[i] + each.sum(axis=1)
                 estimate = levels_seen(squares, redundancy) if redundancy > LEAST_REDUNDANCY else np.ones(())
                 others[k] = settled(self.others[k], estimate)
-                marginalised[i] = _sums(group, level, first)
+                marginalised[i] = each[:, first].sum(axis=1)
         factors = inertial / previous, others / self.others
         self._take(window.t, inertial, others, leaving)
         kept = np.exp((window.t[0] - window.t[leaving]) / _REMEMBERED_S)
@@ -198,10 +199,9 @@ class NoiseRecord:
         self.squared_levels, self.count = self.squared_levels + squares, self.count + leaving
 
 
-def _sums(group: Residuals, level: Array, used: np.ndarray) -> Array:
-    """Return squares in declared sigmas and redundancy, (2,), of the factors ``used`` (m,) at their ``level`` (m,)."""
-    squares = np.sum(group.values[used] ** 2, axis=1) * level[used] ** 2
-    return np.array([np.sum(squares), np.sum(group.redundancy[used])])
+def _per_factor(group: Residuals, level: Array | float) -> Array:
+    """Return squares in declared sigmas and redundancy of each factor, (2, m), at their ``level`` (m,)."""
+    return np.stack([np.vecdot(group.values, group.values) * level**2, group.redundancy.sum(axis=1)])
 
 
 def _scaled_window(window: Window, inertial: Array, others: Array) -> Window:
