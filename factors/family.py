@@ -196,16 +196,18 @@ class Family(Outlined):
         family.__dict__.update(self.__dict__, **parts)
         return family
 
-    def joined(self, *later: Family) -> Family:
-        """Return these factors, then those of ``later`` families of the same type."""
-        every = [family for family in (self, *later) if len(family)]
+    def joined(self, *later: Family, shifts: Sequence[int] | None = None) -> Family:
+        """Return these factors, then those of ``later`` families of the same type.
+
+        ``shifts``: by how many keyframes those of each of the later families move on.
+        """
+        moves = (0, *(shifts or [0] * len(later)))
+        filled = [(family, by) for family, by in zip((self, *later), moves, strict=True) if len(family)]
+        every = [family for family, _ in filled]
         if len(every) < 2:
-            (only,) = every or [self]
+            (only,) = [family.shifted(by) for family, by in filled] or [self]
             return self._with(slots=only.slots, data=only.data, sigma=only.sigma, doubtful=only.doubtful)
-        slots = tuple(
-            Slot(same[0].kind, np.concatenate([slot.index for slot in same]))
-            for same in zip(*(family.slots for family in every), strict=True)
-        )
+        slots = _joined_slots([family.slots for family in every], [by for _, by in filled])
         data = {name: np.concatenate([family.data[name] for family in every]) for name in self.data}
         doubts = [family.doubtful for family in every if family.doubtful is not None]
         doubtful = np.concatenate(doubts) if len(doubts) == len(every) else None
@@ -294,6 +296,13 @@ class Family(Outlined):
         if not _finite(array):
             raise ValueError(f"{self.name}: residual or Jacobian is not finite")
         return array
+
+
+def _joined_slots(slots: Sequence[tuple[Slot, ...]], shifts: Sequence[int]) -> tuple[Slot, ...]:
+    """Return the slots of several families of one type as those of one, each family's keyframes later by its shift."""
+    moved = np.repeat(shifts, [len(of_family[0].index) for of_family in slots]) if any(shifts) else 0
+    joined = ((same[0].kind, np.concatenate([slot.index for slot in same])) for same in zip(*slots, strict=True))
+    return tuple(Slot(kind, index if kind.shared else index + moved) for kind, index in joined)
 
 
 def changed(families: Iterable[Family], kind: FactorType, change: Callable[[Family], Family]) -> tuple[Family, ...]:

@@ -107,6 +107,7 @@ PyObject *linear_rows(PyObject *, PyObject *arguments);
 PyObject *marginal_prior(PyObject *, PyObject *arguments);
 PyObject *retract(PyObject *, PyObject *arguments);
 PyObject *step_from(PyObject *, PyObject *arguments);
+PyObject *marginalised_states(PyObject *, PyObject *arguments);
 PyObject *quantities(PyObject *, PyObject *arguments);
 PyObject *quantity_variances(PyObject *, PyObject *arguments);
 PyObject *trajectory_rows(PyObject *, PyObject *arguments);

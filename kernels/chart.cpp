@@ -1,4 +1,7 @@
-// Steps from states to states, all variables at once: trackfg.factors.states and the chart of marginal_prior.
+// Steps from states to states, all variables at once: trackfg.factors.states and the chart of marginal_prior; and the states
+// of marginalised keyframes, by their conditionals: trackfg.streaming.window.window.
+#include <vector>
+
 #include "states.h"
 
 namespace {
@@ -26,6 +29,20 @@ void each_variable(std::ptrdiff_t keyframes, double *of_keyframes, double *of_sh
         if (kind >= OF_MOUNT) each(kind, 0, at), at += DIMENSION[kind];
 }
 
+// Write the tangent from `origin` to `to` in the chart of marginal_prior; return where the next one begins.
+double *write_tangent(const NavState &to, const NavState &origin, double *out) {
+    const InChart tangent(to, origin);
+    for (const Vector &part : {tangent.turn, tangent.shift, tangent.faster}) out = std::copy(part.x, part.x + 3, out);
+    return out;
+}
+
+// Write a navigation state as number k of `values`.
+void write_nav(const NavState &nav, const Values &values, std::ptrdiff_t k) {
+    std::copy(&nav.R.x[0][0], &nav.R.x[0][0] + 9, values.value[OF_NAV] + 9 * k);
+    std::copy(nav.p.x, nav.p.x + 3, values.p + 3 * k);
+    std::copy(nav.v.x, nav.v.x + 3, values.v + 3 * k);
+}
+
 bool fit(const Values &one, const Values &other, const Doubles &keyframes, const Doubles &shared) {
     const std::ptrdiff_t n = one.count[OF_NAV];
     return one.ok && other.ok && one.of_one_run() && other.of_one_run() && other.count[OF_NAV] == n &&
@@ -51,10 +68,7 @@ PyObject *retract(PyObject *, PyObject *arguments) {
     each_variable(keyframes.size(0), keyframes.data(), shared.data(),
                   [&](Variable kind, std::ptrdiff_t k, const double *step) {
                       if (kind == OF_NAV) {
-                          const NavState to = moved(values.nav(k), step, in_chart != 0);
-                          std::copy(&to.R.x[0][0], &to.R.x[0][0] + 9, out.value[OF_NAV] + 9 * k);
-                          std::copy(to.p.x, to.p.x + 3, out.p + 3 * k);
-                          std::copy(to.v.x, to.v.x + 3, out.v + 3 * k);
+                          write_nav(moved(values.nav(k), step, in_chart != 0), out, k);
                           return;
                       }
                       const std::ptrdiff_t at = k * DIMENSION[kind];
@@ -80,9 +94,7 @@ PyObject *step_from(PyObject *, PyObject *arguments) {
     each_variable(keyframes.size(0), keyframes.data(), shared.data(),
                   [&](Variable kind, std::ptrdiff_t k, double *step) {
                       if (kind == OF_NAV) {
-                          const InChart tangent(values.nav(k), origin.nav(k));
-                          for (const Vector &part : {tangent.turn, tangent.shift, tangent.faster})
-                              step = std::copy(part.x, part.x + 3, step);
+                          write_tangent(values.nav(k), origin.nav(k), step);
                           return;
                       }
                       const std::ptrdiff_t at = k * DIMENSION[kind];
@@ -90,4 +102,62 @@ PyObject *step_from(PyObject *, PyObject *arguments) {
                           step[i] = values.value[kind][at + i] - origin.value[kind][at + i];
                   });
     Py_RETURN_NONE;
+}
+
+// marginalised_states(R (n, K, K), S (n, K, K + s), d (n, K), point, next, sensors, out): the states of n keyframes in a row
+// by their conditionals ``R x_k + S (x_{k+1}, s) = d``, x from the linearisation point, that of n + 1 keyframes, in the chart
+// of marginal_prior; given the first keyframe of `next` and its shared variables. `sensors`: by how much those of further
+// sensors, at the end of s, differ from the point. `point`, `next` and `out` are as States.arrays has them; `out` takes n
+// keyframes and the shared variables of `next`. Returns whether no conditional is singular.
+PyObject *marginalised_states(PyObject *, PyObject *arguments) {
+    PyObject *py[7];
+    if (!PyArg_ParseTuple(arguments, "OOOOOOO", &py[0], &py[1], &py[2], &py[3], &py[4], &py[5], &py[6])) return nullptr;
+    const Doubles R(py[0], 3), S(py[1], 3), d(py[2], 2), sensors(py[5], 1);
+    if (!R.ok() || !S.ok() || !d.ok() || !sensors.ok()) return nullptr;
+    const Arrays point_arrays(py[3]), next_arrays(py[4]), out_arrays(py[6], true);
+    if (!point_arrays.ok() || !next_arrays.ok() || !out_arrays.ok()) return nullptr;
+    const Values point(point_arrays), next(next_arrays), out(out_arrays);
+    const std::ptrdiff_t n = R.size(0), shared = SHARED + sensors.size(0), columns = KEYFRAME + shared;
+    if (n < 1 || R.size(1) != KEYFRAME || R.size(2) != KEYFRAME || S.size(0) != n || S.size(1) != KEYFRAME ||
+        S.size(2) != columns || d.size(0) != n || d.size(1) != KEYFRAME)
+        return refused("conditionals");
+    for (const Values *values : {&point, &next, &out})
+        if (!values->ok || !values->of_one_run()) return refused("states");
+    if (point.count[OF_NAV] != n + 1 || next.count[OF_NAV] < 1 || out.count[OF_NAV] != n) return refused("states");
+
+    std::vector<double> y(columns);  // (x_{k+1}, s)
+    double x[KEYFRAME], *into = y.data();
+    for (const Variable kind : ORDER) {
+        const std::ptrdiff_t at = kind < OF_MOUNT ? n * DIMENSION[kind] : 0;
+        if (kind == OF_NAV) {
+            into = write_tangent(next.nav(0), point.nav(n), into);
+            continue;
+        }
+        for (int i = 0; i < DIMENSION[kind]; ++i) *into++ = next.value[kind][i] - point.value[kind][at + i];
+        if (kind >= OF_MOUNT) std::copy_n(next.value[kind], DIMENSION[kind], out.value[kind]);
+    }
+    std::copy_n(sensors.data(), sensors.size(0), into);
+    for (std::ptrdiff_t k = n - 1; k >= 0; --k) {
+        const double *R_k = R.data() + k * KEYFRAME * KEYFRAME, *S_k = S.data() + k * KEYFRAME * columns;
+        for (int i = KEYFRAME - 1; i >= 0; --i) {
+            double left = d.data()[k * KEYFRAME + i];
+            for (std::ptrdiff_t c = 0; c < columns; ++c) left -= S_k[i * columns + c] * y[c];
+            for (int j = i + 1; j < KEYFRAME; ++j) left -= R_k[i * KEYFRAME + j] * x[j];
+            if (R_k[i * KEYFRAME + i] == 0.0) Py_RETURN_FALSE;
+            x[i] = left / R_k[i * KEYFRAME + i];
+        }
+        std::copy_n(x, KEYFRAME, y.data());
+        const double *step = x;
+        for (const Variable kind : ORDER) {
+            if (kind >= OF_MOUNT) break;
+            if (kind == OF_NAV) {
+                write_nav(moved(point.nav(k), step, true), out, k);
+            } else {
+                const std::ptrdiff_t at = k * DIMENSION[kind];
+                for (int i = 0; i < DIMENSION[kind]; ++i) out.value[kind][at + i] = point.value[kind][at + i] + step[i];
+            }
+            step += DIMENSION[kind];
+        }
+    }
+    Py_RETURN_TRUE;
 }

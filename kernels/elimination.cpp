@@ -34,23 +34,24 @@ struct Family {
 
     bool ok() const { return rows.ok() && first.ok() && places.ok() && dims.ok(); }
 
-    // Whether the arrays belong together and each factor lies in the window of its first keyframe.
-    bool fits(std::ptrdiff_t keyframes, const std::int64_t *width, std::ptrdiff_t shared) const {
+    // Take the factors whose first keyframe is one from `begin` to before `end`, with windows of `width`. Returns whether
+    // the arrays belong together and each of these factors lies in the window of its first keyframe.
+    bool take(std::ptrdiff_t begin, std::ptrdiff_t end, const std::int64_t *width, std::ptrdiff_t shared) {
         const std::ptrdiff_t count = rows.size(0), slots = dims.size(0);
         if (rows.size(1) < 1 || first.size(0) != count || places.size(0) != count || places.size(1) != slots) return false;
-        std::int64_t columns = 1, before = 0;
+        if (!std::is_sorted(first.data(), first.data() + count) || (count > 0 && first.data()[0] < 0)) return false;
+        std::int64_t columns = 1;
         for (std::ptrdiff_t s = 0; s < slots; ++s) {
             if (dims.data()[s] < 1 || dims.data()[s] > rows.size(2)) return false;
             columns += dims.data()[s];
         }
         if (columns != rows.size(2)) return false;
-        for (std::ptrdiff_t i = 0; i < count; ++i) {
+        next = std::lower_bound(first.data(), first.data() + count, begin) - first.data();
+        for (std::ptrdiff_t i = next; i < count && first.data()[i] < end; ++i) {
             const std::int64_t k = first.data()[i];
-            if (k < before || k >= keyframes) return false;
-            before = k;
             for (std::ptrdiff_t s = 0; s < slots; ++s) {
                 const std::int64_t place = places.data()[i * slots + s], dim = dims.data()[s];
-                if (place >= 0 ? place > width[k] - dim : place < -shared || -1 - place > shared - dim) return false;
+                if (place >= 0 ? place > width[k - begin] - dim : place < -shared || -1 - place > shared - dim) return false;
             }
         }
         return true;
@@ -132,26 +133,26 @@ bool write_conditional(Rows &A, std::ptrdiff_t width, const Layout &at, double i
 
 }  // namespace
 
-// eliminate(widths, (nav_start, nav_dim), indeterminate, left, left rows, R, S, d, beyond, alone, *families)
+// eliminate(begin, widths, (nav_start, nav_dim), indeterminate, left, left rows, R, S, d, beyond, alone, *families)
 //     -> (left rows, alone rows)
 //
-// Of n keyframes. widths (n + 2,): of the windows of the keyframe before the first, of the n, and of the one after,
+// Of n keyframes from number `begin` on. widths (n + 2,): of the windows of the keyframe before the first, of the n, and of the one after,
 // which is 0 where the chain ends. left (rows, ...): what the keyframe before left over, as many of its rows as
 // left_rows, overwritten by what is left over in the end. R (n, K, K) comes zeroed; S (n, K, K + tail - 1), d (n, K) and
 // beyond (columns of all windows beyond two keyframes, K) need not; alone (tail, tail) takes a triangle of the rows of
 // the shared variables alone. Each family is four arrays: rows (m, r, columns) [A b]; first (m,), ascending, the
-// keyframe of each; places (m, slots), the column of the window at which each slot's variables begin, or -1 - the column
+// keyframe of each, of which those of other keyframes than the n are left out; places (m, slots), the column of the window at which each slot's variables begin, or -1 - the column
 // behind the window where they are shared; dims (slots,). None where the rows do not determine a keyframe.
 PyObject *eliminate(PyObject *, PyObject *arguments) {
-    constexpr Py_ssize_t OWN = 10, OF_FAMILY = 4;
+    constexpr Py_ssize_t OWN = 11, OF_FAMILY = 4;
     const Py_ssize_t given = PyTuple_Size(arguments);
     if (given < OWN || (given - OWN) % OF_FAMILY != 0) return refused("families");
     PyObject *own = PyTuple_GetSlice(arguments, 0, OWN);
     if (own == nullptr) return nullptr;
     PyObject *py_widths, *py_left, *py_R, *py_S, *py_d, *py_beyond, *py_alone;
-    Py_ssize_t nav_start, nav, left_rows;
+    Py_ssize_t begin, nav_start, nav, left_rows;
     double indeterminate;
-    const int parsed = PyArg_ParseTuple(own, "O(nn)dOnOOOOO", &py_widths, &nav_start, &nav, &indeterminate, &py_left,
+    const int parsed = PyArg_ParseTuple(own, "nO(nn)dOnOOOOO", &begin, &py_widths, &nav_start, &nav, &indeterminate, &py_left,
                                         &left_rows, &py_R, &py_S, &py_d, &py_beyond, &py_alone);
     Py_DECREF(own);  // the arguments have references, too
     if (!parsed) return nullptr;
@@ -166,6 +167,7 @@ PyObject *eliminate(PyObject *, PyObject *arguments) {
         R.size(2) != K || tail < 1 || S.size(2) != K + tail - 1 || beyond.size(1) != K || alone.size(0) != tail ||
         nav_start < 0 || nav < 1 || nav > K - nav_start)
         return refused("keyframes");
+    if (begin < 0 || begin > PTRDIFF_MAX - n) return refused("the first keyframe");
     const std::int64_t *width = widths.data() + 1;
     std::ptrdiff_t widest = at.pair(), columns_beyond = 0;
     for (std::ptrdiff_t k = -1; k <= n; ++k) {
@@ -187,7 +189,7 @@ PyObject *eliminate(PyObject *, PyObject *arguments) {
         families.emplace_back(PyTuple_GetItem(arguments, i), PyTuple_GetItem(arguments, i + 1),
                               PyTuple_GetItem(arguments, i + 2), PyTuple_GetItem(arguments, i + 3));
         if (!families.back().ok()) return nullptr;
-        if (!families.back().fits(n, width, tail - 1)) return refused("factors of a family");
+        if (!families.back().take(begin, begin + n, width, tail - 1)) return refused("factors of a family");
     }
 
     bool determined = true;
@@ -200,14 +202,14 @@ PyObject *eliminate(PyObject *, PyObject *arguments) {
     for (std::ptrdiff_t k = 0; k < n && determined; ++k) {
         const std::ptrdiff_t columns = width[k] + tail, left_columns = width[k - 1] - K + tail;
         std::ptrdiff_t total = left_rows;
-        for (const Family &one : families) total += one.height(k);
+        for (const Family &one : families) total += one.height(begin + k);
         A.shape(total > K ? total : K, columns);
         for (std::ptrdiff_t i = 0; i < left_rows; ++i) {
             const double *from = left.data() + i * left_columns;
             for (std::ptrdiff_t c = 0; c < left_columns; ++c) A.row(i)[at.in_next(c, width[k - 1], width[k])] = from[c];
         }
         std::ptrdiff_t row = left_rows;
-        for (Family &one : families) row = one.copy(k, A, row, width[k], tail);
+        for (Family &one : families) row = one.copy(begin + k, A, row, width[k], tail);
         const std::ptrdiff_t pivots = width[k + 1] == 0 ? K : width[k];  // behind the last keyframe nothing is carried
         triangularise(A, total, pivots, work);
         const Conditional out{R.data() + k * K * K, S.data() + k * K * S.size(2), d.data() + k * K, own_beyond};
@@ -229,6 +231,33 @@ PyObject *eliminate(PyObject *, PyObject *arguments) {
     return Py_BuildValue("nn", left_rows, alone_rows);
 }
 
+// Take rows (count, n + 1) into an upper triangle of n rows and n + 1 columns, by one reflection a column, of its row on the
+// diagonal and of these: all rows between are zero there.
+WITH_VECTOR_UNITS
+void add_rows(Rows &A, double *rows, std::ptrdiff_t count, std::ptrdiff_t n) {
+    const std::ptrdiff_t columns = n + 1;
+    std::vector<double> products(columns);
+    for (std::ptrdiff_t j = 0; j < n; ++j) {
+        double *own = A.row(j), squares = 0.0;
+        for (std::ptrdiff_t i = 0; i < count; ++i) squares += rows[i * columns + j] * rows[i * columns + j];
+        if (squares == 0.0) continue;
+        const double length = -std::copysign(std::sqrt(own[j] * own[j] + squares), own[j]), first = own[j] - length;
+        double *product = products.data();
+        for (std::ptrdiff_t c = j + 1; c < columns; ++c) product[c] = first * own[c];
+        for (std::ptrdiff_t i = 0; i < count; ++i) {
+            const double *row = rows + i * columns, by = row[j];
+            for (std::ptrdiff_t c = j + 1; c < columns; ++c) product[c] += by * row[c];
+        }
+        for (std::ptrdiff_t c = j + 1; c < columns; ++c) own[c] += (product[c] /= length * first) * first;
+        for (std::ptrdiff_t i = 0; i < count; ++i) {
+            double *row = rows + i * columns;
+            const double by = row[j];
+            for (std::ptrdiff_t c = j + 1; c < columns; ++c) row[c] += by * product[c];
+        }
+        own[j] = length;
+    }
+}
+
 // triangle(rows (m, n), out (min(m, n), n)): R of the QR of some rows, zero below its diagonal.
 PyObject *triangle(PyObject *, PyObject *arguments) {
     PyObject *py[2];
@@ -248,29 +277,33 @@ PyObject *triangle(PyObject *, PyObject *arguments) {
     Py_RETURN_NONE;
 }
 
-// eliminate_pair(rows (m, n), indeterminate, R (2, K, K), S (2, K, n - 1 - K), d (2, K), R_shared (s, s), d_shared (s),
+// eliminate_pair(triangle (t, n), further (m, n), indeterminate, R (2, K, K), S (2, K, n - 1 - K), d (2, K), R_shared (s, s), d_shared (s),
 // marginal (n - 1 - K, n - K)): the square root of the information in rows [A b] of two keyframes and the shared variables,
-// with a positive diagonal, and what the first keyframe leaves for the others. Returns whether the rows determine all.
+// an upper triangle and further rows, with a positive diagonal, and what the first keyframe leaves for the others. Returns
+// whether the rows determine all.
 PyObject *eliminate_pair(PyObject *, PyObject *arguments) {
-    PyObject *py[7];
+    PyObject *py[8];
     double indeterminate;
-    if (!PyArg_ParseTuple(arguments, "OdOOOOOO", &py[0], &indeterminate, &py[1], &py[2], &py[3], &py[4], &py[5], &py[6]))
+    if (!PyArg_ParseTuple(arguments, "OOdOOOOOO", &py[0], &py[7], &indeterminate, &py[1], &py[2], &py[3], &py[4], &py[5],
+                          &py[6]))
         return nullptr;
-    const Doubles given(py[0], 2), R(py[1], 3, true), S(py[2], 3, true), d(py[3], 2, true), R_shared(py[4], 2, true),
+    const Doubles given(py[0], 2), further(py[7], 2), R(py[1], 3, true), S(py[2], 3, true), d(py[3], 2, true), R_shared(py[4], 2, true),
         d_shared(py[5], 1, true), marginal(py[6], 2, true);
-    if (!given.ok() || !R.ok() || !S.ok() || !d.ok() || !R_shared.ok() || !d_shared.ok() || !marginal.ok()) return nullptr;
+    if (!given.ok() || !further.ok() || !R.ok() || !S.ok() || !d.ok() || !R_shared.ok() || !d_shared.ok() || !marginal.ok()) return nullptr;
     const std::ptrdiff_t K = R.size(1), shared = d_shared.size(0), n = 2 * K + shared, behind = n - K;
-    if (given.size(1) != n + 1 || R.size(0) != 2 || R.size(2) != K || S.size(0) != 2 || S.size(1) != K ||
+    if (given.size(1) != n + 1 || further.size(1) != n + 1 || R.size(0) != 2 || R.size(2) != K || S.size(0) != 2 || S.size(1) != K ||
         S.size(2) != behind || d.size(0) != 2 || d.size(1) != K || R_shared.size(0) != shared ||
         R_shared.size(1) != shared || marginal.size(0) != behind || marginal.size(1) != behind + 1)
         return refused("rows of a pair");
-    const std::ptrdiff_t count = given.size(0);
-    if (count < n) Py_RETURN_FALSE;
+    const std::ptrdiff_t count = std::min(given.size(0), n), columns = n + 1;
     Rows A;
-    Workspace work;
-    A.shape(count, n + 1);
-    for (std::ptrdiff_t i = 0; i < count; ++i) std::copy_n(given.data() + i * (n + 1), n + 1, A.row(i));
-    triangularise(A, count, n, work);
+    A.shape(n, columns);
+    for (std::ptrdiff_t i = 0; i < n; ++i) {
+        std::fill_n(A.row(i), columns, 0.0);
+        if (i < count) std::copy(given.data() + i * columns + i, given.data() + (i + 1) * columns, A.row(i) + i);
+    }
+    std::vector<double> rest(further.data(), further.data() + further.total());
+    add_rows(A, rest.data(), further.size(0), n);
     for (const Doubles *out : {&R, &S, &R_shared, &marginal}) std::fill_n(out->data(), out->total(), 0.0);
     for (std::ptrdiff_t i = 0; i < n; ++i) {
         double *row = A.row(i), length = 0.0;

@@ -26,6 +26,7 @@ static PyMethodDef methods[] = {
     {"marginal_prior", marginal_prior, METH_VARARGS, "Linearise a marginal prior."},
     {"retract", retract, METH_VARARGS, "Move states by a step."},
     {"step_from", step_from, METH_VARARGS, "Compute the step from states to others."},
+    {"marginalised_states", marginalised_states, METH_VARARGS, "Compute states of marginalised keyframes."},
     {"quantities", quantities, METH_VARARGS, "Differentiate what a trajectory tells."},
     {"quantity_variances", quantity_variances, METH_VARARGS, "Compute the variances of what a trajectory tells."},
     {"trajectory_rows", trajectory_rows, METH_VARARGS, "Compute rows of a trajectory with their sigmas."},
@@ -49,7 +50,7 @@ static PyModuleDef definition = {
 PyMODINIT_FUNC PyInit_compiled() {
     PyObject *module = PyModule_Create(&definition);
     // Raised by one whenever a function's arguments change, so that a build of older sources is not called.
-    if (module != nullptr && (PyModule_AddIntConstant(module, "REVISION", 28) != 0 ||
+    if (module != nullptr && (PyModule_AddIntConstant(module, "REVISION", 29) != 0 ||
                               PyModule_AddIntConstant(module, "DELTA_SIZE", DELTA_SIZE) != 0)) {
         Py_DECREF(module);
         return nullptr;

@@ -8,6 +8,7 @@ REVISION: int
 DELTA_SIZE: int
 
 def eliminate(
+    begin: int,
     widths: np.ndarray,
     nav: tuple[int, int],
     indeterminate: float,
@@ -22,7 +23,8 @@ def eliminate(
     *families: np.ndarray,
 ) -> tuple[int, int] | None: ...
 def eliminate_pair(
-    rows: Array,
+    triangle: Array,
+    further: Array,
     indeterminate: float,
     R: Array,
     S: Array,
@@ -194,6 +196,16 @@ def retract(
     values: tuple[Array, ...], keyframes: Array, shared: Array, in_chart: bool, moved: tuple[Array, ...], /
 ) -> None: ...
 def step_from(origin: tuple[Array, ...], values: tuple[Array, ...], keyframes: Array, shared: Array, /) -> None: ...
+def marginalised_states(
+    R: Array,
+    S: Array,
+    d: Array,
+    point: tuple[Array, ...],
+    next_states: tuple[Array, ...],
+    sensors: Array,
+    out: tuple[Array, ...],
+    /,
+) -> bool: ...
 def quantities(R: Array, v: Array, mount: Array, lever_arm: Array, J: Array, /) -> None: ...
 def quantity_variances(
     R: Array,

@@ -101,11 +101,12 @@ def eliminated_blocks(factors: Sequence[LinearFactors], keyframes: int) -> Itera
     placed, shared_dim = [_Placed.of(one) for one in factors], _shared_dim(factors)
     ahead = _ahead(placed, keyframes)
     alone, remainder = _of_shared_alone(placed, shared_dim + 1), np.zeros((0, KEYFRAME_DIM + shared_dim + 1))
+    chain = _Chain.of(placed, ahead)
     for begin in range(0, keyframes, _AT_A_TIME):
         some = ahead[begin : begin + _AT_A_TIME]
         block = _WithBeyond.empty(some, shared_dim)
         with one_thread():
-            remainder, rest = _block_factored(placed, ahead, begin, remainder, block)
+            remainder, rest = _block_factored(chain, begin, remainder, block)
             alone = _triangle(np.concatenate([alone, rest]))
         is_last = begin + len(some) == keyframes
         shared = _conditional_of_shared(alone, shared_dim) if is_last else (np.zeros((0, 0)), np.zeros(0))
@@ -154,7 +155,7 @@ def _columns_of_pair(kinds: tuple[Kind, ...], indices: tuple[bytes, ...], tail: 
     slots = tuple(Slot(kind, np.frombuffer(index, np.int64)) for kind, index in zip(kinds, indices, strict=True))
     first = np.zeros(len(slots[0].index), dtype=np.int64)
     factors = LinearFactors(slots, np.zeros((len(first), 0, 0)))
-    return _Placed(factors, first, first, _places(slots, first)).columns(first + _PAIR, tail)
+    return _Placed(factors, first, first, _places(slots, first, first)).columns(first + _PAIR, tail)
 
 
 def compressed(rows: Array) -> Array:
@@ -163,16 +164,17 @@ def compressed(rows: Array) -> Array:
         return _triangle(rows)
 
 
-def eliminate_pair(rows: Array) -> tuple[SquareRoot, Array]:
+def eliminate_pair(triangle: Array, further: Array) -> tuple[SquareRoot, Array]:
     """Return the square root of the information in rows of :func:`stacked_pair`, and the marginal of (x_1, s).
 
-    The marginal are rows [A b]; both come from one dense QR.
+    Of the rows a part has been :func:`compressed` to a ``triangle``, and ``further`` ones have not. The marginal are
+    rows [A b]; both come from one dense QR.
     """
     pair = _pair_compiled if compiled_kernels() else _pair_by_lapack
-    return pair(rows, rows.shape[1] - 1 - _PAIR)
+    return pair(triangle, further, triangle.shape[1] - 1 - _PAIR)
 
 
-def _pair_compiled(rows: Array, shared: int) -> tuple[SquareRoot, Array]:
+def _pair_compiled(triangle: Array, further: Array, shared: int) -> tuple[SquareRoot, Array]:
     """Do as :func:`_pair_by_lapack`, in ``kernels/elimination.cpp``."""
     from trackfg.numerics import compiled
 
@@ -180,15 +182,16 @@ def _pair_compiled(rows: Array, shared: int) -> tuple[SquareRoot, Array]:
     R, S, d = np.empty((2, dim, dim)), np.empty((2, dim, behind)), np.empty((2, dim))
     R_shared, d_shared, marginal = np.empty((shared, shared)), np.empty(shared), np.empty((behind, behind + 1))
     parts = R, S, d, R_shared, d_shared
-    if not compiled.eliminate_pair(kernel_argument(rows), _INDETERMINATE, *parts, marginal):
+    first, last = kernel_argument(triangle), kernel_argument(further)
+    if not compiled.eliminate_pair(first, last, _INDETERMINATE, *parts, marginal):
         raise UnsolvableError(_UNDETERMINED)
     return SquareRoot(*parts, np.zeros(2, dtype=np.int64)), marginal
 
 
-def _pair_by_lapack(rows: Array, shared: int) -> tuple[SquareRoot, Array]:
+def _pair_by_lapack(triangle: Array, further: Array, shared: int) -> tuple[SquareRoot, Array]:
     """Do as :func:`eliminate_pair`; ``shared``: how many variables the run shares."""
     variables, dim = _PAIR + shared, KEYFRAME_DIM
-    R = compressed(rows)[:variables]
+    R = compressed(np.concatenate([triangle, further]))[:variables]
     if len(R) < variables:
         raise UnsolvableError(_UNDETERMINED)
     R = R * _positive(R[:, :-1])[1][:, None]
@@ -218,38 +221,52 @@ def _factored(
     alone, marginals = [_of_shared_alone(factors, tail)], {}
     remainder = np.zeros((0, _PAIR - KEYFRAME_DIM + tail))
     at_a_time = keyframes if compiled_kernels() else _AT_A_TIME
+    chain = _Chain.of(factors, ahead)
     ends = sorted({*range(at_a_time, keyframes, at_a_time), keyframes, *leading_counts})
     for begin, end in zip([0, *ends], ends, strict=False):
         rows = whole.beyond[begins[begin] : begins[end]]
         out = _WithBeyond(whole.R[begin:end], whole.S[begin:end], whole.d[begin:end], rows)
-        remainder, rest = _block_factored(factors, ahead, begin, remainder, out)
+        remainder, rest = _block_factored(chain, begin, remainder, out)
         alone.append(rest)
         if end in leading_counts:
             marginals[end] = _left(remainder, np.concatenate(alone), shared_dim)
     return whole, np.concatenate(alone), marginals
 
 
-def _block_factored(
-    factors: Sequence[_Placed], ahead: np.ndarray, begin: int, remainder: Array, out: _WithBeyond
-) -> tuple[Array, Array]:
+class _Chain(NamedTuple):
+    """All factors of a chain; the same as ``arrays`` for the kernel, none without it; and the ``widths`` (n,) of the
+    windows, without the columns of the shared variables.
+    """
+
+    factors: Sequence[_Placed]
+    arrays: Sequence[np.ndarray]
+    widths: np.ndarray
+
+    @classmethod
+    def of(cls, factors: Sequence[_Placed], ahead: np.ndarray) -> _Chain:
+        filled = [one for one in factors if one.factors.rows.size] if compiled_kernels() else []
+        return cls(factors, [array for one in filled for array in one.as_arrays()], _PAIR + NAV_DIM * ahead)
+
+
+def _block_factored(chain: _Chain, begin: int, remainder: Array, out: _WithBeyond) -> tuple[Array, Array]:
     """Write the conditionals of as many keyframes as ``out`` has, from ``begin`` on; return what is left over, and rows
     of the shared variables alone.
     """
     end, tail = begin + len(out.R), out.S.shape[2] - KEYFRAME_DIM + 1
-    in_block = [one.between(begin, end) for one in factors]
-    block = _Block(in_block, _around(_PAIR + NAV_DIM * ahead, begin, end), remainder, tail)
+    block = _Block(chain, begin, _around(chain.widths, begin, end), remainder, tail)
     return (_block_compiled if compiled_kernels() else _block_by_lapack)(block, out)
 
 
 class _Block(NamedTuple):
-    """A block has some keyframes in a row, counted from its first one, and the factors whose first keyframe each is.
+    """A block has some keyframes of a ``chain`` in a row, from number ``begin`` on.
 
     ``widths`` (n + 2,) without the columns of the shared variables, beginning with the keyframe before and ending with
     the one after, 0 where there is none; ``remainder`` is what the keyframe before left; ``tail`` counts the shared
     variables and the right-hand side.
     """
 
-    factors: Sequence[_Placed]
+    chain: _Chain
+    begin: int
     widths: np.ndarray
     remainder: Array
     tail: int
@@ -269,10 +286,9 @@ def _block_compiled(block: _Block, out: _WithBeyond) -> tuple[Array, Array]:
     remainder = np.empty(most * (most + tail))
     remainder[: block.remainder.size] = block.remainder.ravel()
     alone = np.empty((tail, tail))
-    nav = NAV.start, NAV_DIM
-    families = [array for one in block.factors if one.factors.rows.size for array in one.as_arrays()]
+    layout = block.begin, block.widths, (NAV.start, NAV_DIM)
     done = compiled.eliminate(
-        block.widths, nav, _INDETERMINATE, remainder, len(block.remainder), *out, alone, *families
+        *layout, _INDETERMINATE, remainder, len(block.remainder), *out, alone, *block.chain.arrays
     )
     if done is None:
         raise UnsolvableError(_UNDETERMINED)
@@ -283,7 +299,8 @@ def _block_compiled(block: _Block, out: _WithBeyond) -> tuple[Array, Array]:
 def _block_by_lapack(block: _Block, out: _WithBeyond) -> tuple[Array, Array]:
     """Write the conditionals of a block, and return what is left over and rows of the shared variables alone."""
     widths, remainder, tail, alone = block.widths.tolist(), block.remainder, block.tail, []
-    rows, starts = _stacked(block.factors, block.widths[1:-1], tail)
+    factors = [one.between(block.begin, block.begin + len(out.R)) for one in block.chain.factors]
+    rows, starts = _stacked(factors, block.widths[1:-1], tail)
     begins = begins_beyond((block.widths[1:-1] - _PAIR) // NAV_DIM).tolist()
     for k, (preceding, width, following) in enumerate(zip(widths, widths[1:], widths[2:], strict=False)):
         new_rows = rows[starts[k] : starts[k + 1], : width + tail]
@@ -383,7 +400,7 @@ class _Placed(NamedTuple):
         if (first[1:] < first[:-1]).any():
             order = np.argsort(first, kind="stable")
             factors, first, last = factors.take(order), first[order], last[order]
-        return cls(factors, first, last, _places(factors.slots, first))
+        return cls(factors, first, last, _places(factors.slots, first, last))
 
     def between(self, begin: int, end: int) -> _Placed:
         """Return those whose first keyframe is one from ``begin`` to ``end``, counted from ``begin``."""
@@ -393,9 +410,10 @@ class _Placed(NamedTuple):
         return _Placed(factors, self.first[some] - begin, self.last[some] - begin, self.places[some])
 
     def as_arrays(self) -> tuple[np.ndarray, ...]:
-        """Return them as the kernel takes a family."""
+        """Return those that touch a keyframe, as the kernel takes a family."""
+        alone = int(np.searchsorted(self.first, 0))
         dims = np.array([slot.kind.dim for slot in self.factors.slots])
-        return kernel_argument(self.factors.rows), self.first, self.places, dims
+        return kernel_argument(self.factors.rows[alone:]), self.first[alone:], self.places[alone:], dims
 
     def columns(self, widths: np.ndarray, tail: int) -> np.ndarray:
         """Return the columns that the factors fill of windows of ``widths`` (m,), (m, c + 1), right-hand side last."""
@@ -405,12 +423,13 @@ class _Placed(NamedTuple):
         return np.column_stack([at, widths + tail - 1])
 
 
-def _places(slots: Sequence[Slot], first: np.ndarray) -> np.ndarray:
+def _places(slots: Sequence[Slot], first: np.ndarray, last: np.ndarray) -> np.ndarray:
     """Return the column in the window of its first keyframe at which each slot begins, (m, slots).
 
     Of shared variables, which are behind the window, -1 - the column there.
     """
     places = np.empty((len(first), len(slots)), dtype=np.int64)
+    reaches_far = bool((last > first + 1).any())
     for slot, place in zip(slots, places.T, strict=True):
         kind, start = slot.kind, offset_in_keyframe(slot.kind)
         if kind.shared:
@@ -418,8 +437,7 @@ def _places(slots: Sequence[Slot], first: np.ndarray) -> np.ndarray:
             continue
         later = slot.index - first
         place[:] = start + KEYFRAME_DIM * later
-        far = later >= 2
-        if far.any():
+        if reaches_far and (far := later >= 2).any():
             if kind is not Kind.NAV:
                 raise ValueError(f"{kind.name} is touched from {later.max()} keyframes before; only NAV may be")
             place[far] = _PAIR + NAV_DIM * (later[far] - 2)

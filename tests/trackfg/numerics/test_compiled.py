@@ -59,6 +59,7 @@ _INCREMENTS = (
     np.full((3, 3), 0.1),
 )
 _ELIMINATED = (
+    0,
     np.array([4, 5, 0]),  # of windows: of one keyframe of two columns, the next one's and one beyond
     (0, 1),
     1e-14,
@@ -129,6 +130,15 @@ _CHAIN = (np.ones(4), np.full((2, 2), 0.5), 1.0, 30.0, 1.0, np.zeros(4))
 _STEP = np.full((3, 19), 0.1), np.full(42, 0.1)
 _RETRACTED = (_values(3), *_STEP, True, _values(3))
 _STEPPED = (_values(3), _values(3), *_STEP)
+_MARGINALISED = (
+    np.tile(np.eye(19), (2, 1, 1)),
+    np.full((2, 19, 63), 0.1),
+    np.full((2, 19), 0.1),
+    _values(3),
+    _values(1),
+    np.zeros(2),
+    _values(2),
+)
 _QUANTITIES = (np.tile(np.eye(3), (3, 1, 1)), np.ones((3, 3)), np.zeros(5), np.ones(3), np.zeros((3, 8, 61)))
 _NOISE = (
     np.arange(4.0),
@@ -140,7 +150,7 @@ _NOISE = (
     np.zeros((3, 6)),
 )
 _VALUES, _INDICES, _DATA, _KEYFRAME, _ORIGINS = 1, 2, 3, 2, 3
-_WIDTHS, _NAV, _LEFT_ROWS, _FIRST, _PLACES, _DIMS = 0, 1, 4, 11, 12, 13
+_BEGIN, _WIDTHS, _NAV, _LEFT_ROWS, _FIRST, _PLACES, _DIMS = 0, 1, 2, 5, 12, 13, 14
 _CONDITIONALS = (  # two keyframes of two columns with two shared variables, and one column beyond the first one's next
     np.tile([[1.0, 0.5], [0.0, 1.0]], (2, 1, 1)),
     np.ones((2, 2, 4)),
@@ -177,6 +187,7 @@ _CALLS = (
     Call(compiled.triangle, (np.ones((3, 5)), np.zeros((3, 5)))),
     Call(compiled.retract, _RETRACTED),
     Call(compiled.step_from, _STEPPED),
+    Call(compiled.marginalised_states, _MARGINALISED),
     Call(compiled.quantities, _QUANTITIES),
     Call(compiled.white_noise, _NOISE),
     Call(compiled.ahead_of_a_steady_turn, (*np.tile(np.eye(3), (3, 2, 1, 1)), 1e-6, np.zeros((2, 3)))),
@@ -258,7 +269,7 @@ def test_columns_of_the_motion_lie_within_a_keyframe(nav: tuple[int, int]) -> No
         _CALLS[0].replaced(_NAV, nav)
 
 
-@pytest.mark.parametrize("i", [_WIDTHS, _FIRST, _DIMS])
+@pytest.mark.parametrize("i", [_WIDTHS, _DIMS])
 @pytest.mark.parametrize("count", [-1, -_LARGEST, 1000, _LARGEST])
 def test_counts_that_no_array_has_are_refused(i: int, count: int) -> None:
     for at in range(len(_ELIMINATED[i])):
@@ -266,6 +277,32 @@ def test_counts_that_no_array_has_are_refused(i: int, count: int) -> None:
         counts[at] = count
         with pytest.raises(ValueError, match="do not belong together"):
             _CALLS[0].replaced(i, counts)
+
+
+@pytest.mark.parametrize("first", [[-1, 0, 0], [0, 0, -1], [0, 1, 0], [_LARGEST, 0, 0]])
+def test_factors_are_of_keyframes_in_order(first: list[int]) -> None:
+    keyframes = np.concatenate([first, np.full(4, max(first[-1], 0))])
+    with pytest.raises(ValueError, match="do not belong together: factors of a family"):
+        _CALLS[0].replaced(_FIRST, keyframes)
+
+
+def test_factors_of_other_keyframes_are_left_out() -> None:
+    """The same keyframe as the second of a longer chain, with factors of those before and after it."""
+    alone, within = _CALLS[0].copied(), list(_CALLS[0].copied())
+    for i in range(_FIRST - 1, _DIMS):
+        others = 9.0 * np.ones_like(within[i][:1]) if i == _FIRST - 1 else within[i][:1]
+        within[i] = np.concatenate([others, within[i], others])
+    within[_FIRST] = np.array([0, *np.ones(7, dtype=np.int64), 2])
+    within[_BEGIN] = 1
+    assert compiled.eliminate(*alone) == compiled.eliminate(*within)
+    for ours, theirs in zip(alone[4 : _FIRST - 1], within[4 : _FIRST - 1], strict=True):
+        np.testing.assert_array_equal(ours, theirs)
+
+
+@pytest.mark.parametrize("begin", [-1, -_LARGEST, _LARGEST])
+def test_the_first_keyframe_is_one(begin: int) -> None:
+    with pytest.raises(ValueError, match="do not belong together: the first keyframe"):
+        _CALLS[0].replaced(_BEGIN, begin)
 
 
 @pytest.mark.parametrize("length", [-32, 0, 8, 31, 64, _LARGEST])

@@ -64,7 +64,7 @@ class PredictedPair:
         point = pair.states.take(slice(0, 1)).joined(interval.predicted)
         others = linearised_pair(point, (family for family in pair.families if family.type in OTHER_ROWS))
         others[:, -1] += others[:, :-1] @ _step_between(predicted, interval)
-        root, marginal = eliminate_pair(np.concatenate([self.triangle, others]))
+        root, marginal = eliminate_pair(self.triangle, others)
         updated = pair.updated_by(root)
         chained = (family for family in pair.families if family.is_chained)
         chains = (family.tail_of_chain(slice(len(family), None), updated.states).shifted(-1) for family in chained)

@@ -13,7 +13,7 @@ when the window is extended, that keyframe's marginal prior is expressed by the 
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
@@ -27,13 +27,17 @@ from trackfg.factors.imu import InertialFactors, Preintegration
 from trackfg.factors.linear import LinearFactors
 from trackfg.factors.loss import SwitchChain
 from trackfg.factors.marginal_prior import marginal_prior, rebased_to_interval_bias, retract_in_chart, step_from
-from trackfg.factors.states import KEYFRAME_DIM, States, Step
+from trackfg.factors.states import KEYFRAME_DIM, Nav, Odo, States, Step
 from trackfg.numerics.arrays import Array
+from trackfg.numerics.kernels import compiled_kernels, kernel_argument
 from trackfg.solver.elimination import Conditionals, eliminate_with_marginals
 from trackfg.solver.square_root import SquareRoot
 
 _MOST_STEPS = 4
 """Gauss-Newton steps of a window before it counts as unsettled."""
+
+_OF_KEYFRAMES = 5
+"""How many of :attr:`States.arrays` have a row for each keyframe: those of NAV, BIAS and ODO."""
 
 
 @dataclass(frozen=True)
@@ -87,7 +91,7 @@ class Window:
 
     def with_factors(self, families: Sequence[Family]) -> Window:
         """Return the window with these factors added."""
-        return replace(self, families=_merge_by_type([*self.families, *families]))
+        return replace(self, families=_merge_by_type([(family, 0) for family in (*self.families, *families)]))
 
     def extended(self, *intervals: Interval) -> Window:
         """Return the window with the next keyframes added, each at the end of one interval; itself without any."""
@@ -99,7 +103,7 @@ class Window:
             families = changed(
                 families, FactorType.MARGINAL_PRIOR, lambda family: rebased_to_interval_bias(family, response)
             )
-        later = [family.shifted(last) for last, new in enumerate(intervals, len(self) - 1) for family in new.families]
+        later = [(family, last) for last, new in enumerate(intervals, len(self) - 1) for family in new.families]
         responses = [self.response[:-1], *(interval.response[None] for interval in intervals)]
         bias = np.concatenate([self.states.bias[:-1], *(interval.bias[None] for interval in intervals)])
         states = self.states.joined(*(interval.predicted for interval in intervals))
@@ -108,7 +112,7 @@ class Window:
             replace(states, bias=np.concatenate([bias, states.bias[-1:]])),
             (*self.measured, *(interval.measured for interval in intervals)),
             np.concatenate([*responses, np.zeros_like(self.response[:1])]),
-            _merge_by_type([*families, *later]),
+            _merge_by_type([*((family, 0) for family in families), *later]),
         )
 
     def linear_factors(self) -> list[LinearFactors]:
@@ -186,7 +190,7 @@ class WindowStep(NamedTuple):
             return self.window
         window = self.window
         kept = [
-            family.tail_of_chain(later, window.states).shifted(-count)
+            family.tail_of_chain(_run_of(later), window.states).shifted(-count)
             for family in window.families
             if (later := family.first_keyframe >= count).any() or family.is_chained
         ]
@@ -201,7 +205,7 @@ class WindowStep(NamedTuple):
 
     def marginalised_first(self, count: int) -> MarginalisedKeyframes:
         """Return the first ``count`` keyframes, as conditionals, with their factors."""
-        families = tuple(family.take(family.first_keyframe < count) for family in self.window.families)
+        families = tuple(family.take(_run_of(family.first_keyframe < count)) for family in self.window.families)
         marginalised = MarginalisedKeyframes.first(self.window.t, self.root, self.linearisation_point, count)
         return marginalised._replace(families=families)
 
@@ -229,10 +233,31 @@ class MarginalisedKeyframes(NamedTuple):
 
         Raises ``UnsolvableError`` where a conditional is singular.
         """
+        states = self._by_kernel(next_state) if compiled_kernels() else self._by_arrays(next_state)
+        if states is None:
+            singular = (np.diagonal(self.conditionals.R, axis1=1, axis2=2) == 0.0).any(axis=1)
+            raise UnsolvableError(f"the conditional of the keyframe at {self.t[singular][-1]:.3f} s is singular")
+        return states
+
+    def _by_kernel(self, next_state: States) -> States | None:
+        """Do as :meth:`_by_arrays`, in ``kernels/chart.cpp``."""
+        from trackfg.numerics import compiled
+
+        n, point = len(self.t), self.linearisation_point
+        keyframes = (np.empty((n, *values.shape[1:])) for values in point.arrays[:_OF_KEYFRAMES])
+        out = (*keyframes, *map(np.empty_like, point.arrays[_OF_KEYFRAMES:]))
+        sensors = (next_state.sensor - point.sensor).ravel()
+        R, S, d = map(kernel_argument, self.conditionals)
+        if not compiled.marginalised_states(R, S, d, point.arrays, next_state.arrays, sensors, out):
+            return None
+        R, p, v, bias, odo, mount, clock, imu, wheel = out
+        return States(Nav(R, p, v), bias, Odo(odo), mount, clock, imu, wheel, next_state.sensor)
+
+    def _by_arrays(self, next_state: States) -> States | None:
+        """Return the states, None where a conditional is singular."""
         n, (R, S, d) = len(self.t), self.conditionals
-        singular = np.flatnonzero((np.diagonal(R, axis1=1, axis2=2) == 0.0).any(axis=1))
-        if singular.size:
-            raise UnsolvableError(f"the conditional of the keyframe at {self.t[singular[-1]]:.3f} s is singular")
+        if not np.diagonal(R, axis1=1, axis2=2).all():
+            return None
         step = step_from(self.linearisation_point.take(slice(n, None)), next_state.take(slice(0, 1)))
         right = d.copy()
         right[-1] -= S[-1, :, :KEYFRAME_DIM] @ step.keyframes[0]
@@ -241,9 +266,23 @@ class MarginalisedKeyframes(NamedTuple):
         return retract_in_chart(self.linearisation_point.take(slice(0, n)), Step(keyframes, step.shared))
 
 
-def _merge_by_type(families: Sequence[Family]) -> tuple[Family, ...]:
-    """Return the families of each type and label as one, if they can be stacked."""
-    groups: dict[tuple[FactorType, str] | int, list[Family]] = {}
-    for family in families:
-        groups.setdefault((family.type, family.label) if family.type.stackable else id(family), []).append(family)
-    return tuple(same[0].joined(*same[1:]) if len(same) > 1 else same[0] for same in groups.values())
+def _run_of(mask: np.ndarray) -> slice | np.ndarray:
+    """Return a mask (m,) as a slice where it is one run, since slices take no copies; itself elsewhere."""
+    count, first = int(np.count_nonzero(mask)), int(mask.argmax()) if mask.size else 0
+    run = slice(first, first + count)
+    return run if mask[run].all() else mask
+
+
+def _merge_by_type(families: Iterable[tuple[Family, int]]) -> tuple[Family, ...]:
+    """Return the families of each type and label as one, if they can be stacked; each is given with the number of
+    keyframes by which it moves on.
+    """
+    groups: dict[tuple[FactorType, str] | int, list[tuple[Family, int]]] = {}
+    for family, by in families:
+        groups.setdefault((family.type, family.label) if family.type.stackable else id(family), []).append((family, by))
+    return tuple(_merged(*zip(*same, strict=True)) for same in groups.values())
+
+
+def _merged(families: Sequence[Family], shifts: Sequence[int]) -> Family:
+    first = families[0].shifted(shifts[0])
+    return first.joined(*families[1:], shifts=shifts[1:]) if len(families) > 1 else first

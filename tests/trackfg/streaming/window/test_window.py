@@ -13,8 +13,9 @@ from trackfg.config import SmoothConfig
 from trackfg.datasets.scenarios import Simulation
 from trackfg.errors import UnsolvableError
 from trackfg.factors.marginal_prior import marginal_prior, step_from
-from trackfg.factors.states import KEYFRAME_DIM, SHARED_DIM, Kind, Nav, Odo, States, offset_in_keyframe
+from trackfg.factors.states import KEYFRAME_DIM, SHARED_DIM, Kind, Nav, Odo, States, Step, offset_in_keyframe
 from trackfg.graph.inputs import World
+from trackfg.numerics.rotations import so3_exp
 from trackfg.recording.description import RecordingDescription
 from trackfg.recording.model import Recording
 from trackfg.sensors.imu_intervals import Intervals
@@ -22,6 +23,7 @@ from trackfg.sensors.imu_noise import NoiseAtRest
 from trackfg.sensors.tach import Wheel
 from trackfg.solver.elimination import Conditionals
 from trackfg.streaming.rows import NO_SAMPLES
+from trackfg.streaming.window import window as window_module
 from trackfg.streaming.window.filter_step import PredictedPair
 from trackfg.streaming.window.marginalised import MarginalisedHistory
 from trackfg.streaming.window.next_interval import Prediction, predict_interval, with_other_rows
@@ -92,7 +94,27 @@ def test_keyframes_follow_the_next_one_through_their_conditionals() -> None:
     np.testing.assert_allclose(ours.keyframes, solutions, atol=1e-9)
 
 
-def test_a_singular_conditional_is_an_error() -> None:
+def test_the_kernel_follows_the_next_keyframe_as_arrays_do(with_both: Callable[..., tuple[Any, Any]]) -> None:
+    """Of a run with one further sensor; turned, in motion, and away from the linearisation point."""
+    rng = np.random.default_rng(3)
+    parts = [conditional(rng) for _ in range(2)]
+    R, S, d = (np.array(part) for part in zip(*parts, strict=True))
+    S = np.concatenate([S, rng.standard_normal((2, KEYFRAME_DIM, Kind.SENSOR.dim))], axis=2)
+    turned = Nav(so3_exp(rng.standard_normal((3, 3))), *rng.standard_normal((2, 3, 3)))
+    point = replace(keyframes(3), nav=turned, sensor=np.array([[0.01, 0.02]]))
+    gone = MarginalisedKeyframes(np.arange(2.0), Conditionals(R, S, d), point)
+    dims = KEYFRAME_DIM, SHARED_DIM + Kind.SENSOR.dim
+    ahead = Step(0.05 * rng.standard_normal((1, dims[0])), 0.05 * rng.standard_normal(dims[1]))
+    next_one = point.take(slice(2, 3)).moved(ahead)
+    ours, theirs = with_both(lambda: gone.back_substitute(next_one))
+    for one, other in zip((*ours.arrays, ours.sensor), (*theirs.arrays, theirs.sensor), strict=True):
+        np.testing.assert_allclose(one, other, rtol=1e-12, atol=1e-12)
+
+
+@pytest.mark.parametrize("kernels", [True, False])
+def test_a_singular_conditional_is_an_error(*, kernels: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    if not kernels:
+        monkeypatch.setattr(window_module, "compiled_kernels", lambda: False)
     R, S, d = conditional(np.random.default_rng(1))
     R[3, 3] = 0.0
     alone = MarginalisedKeyframes(np.array([7.0]), Conditionals(R[None], S[None], d[None]), keyframes(2))
