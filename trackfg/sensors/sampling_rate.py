@@ -109,6 +109,11 @@ class RateFollower:
         """Take the next steps (n,), s: yield how many belong together, and the interval that is usual of them."""
         joined = np.concatenate([self.steps, steps])
         count = len(joined) // BLOCK
+        shortest, longest = joined.min(initial=np.inf), joined.max(initial=0.0)
+        if not self.other_s and longest < _OTHER * self.usual_s < _OTHER**2 * shortest:  # as nearly always
+            self.steps = joined[count * BLOCK :]
+            yield len(steps), self.usual_s
+            return
         level, regular = regular_levels(joined[: count * BLOCK].reshape(count, BLOCK))
         partial, self.steps = len(self.steps), joined[count * BLOCK :]
         changed = regular & ((level >= _OTHER * self.usual_s) | (self.usual_s >= _OTHER * level))

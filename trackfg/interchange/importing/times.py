@@ -217,6 +217,22 @@ def read_times(table: SourceTable, columns: tuple[str, ...], notation: TimeNotat
     return _textual(text, notation, label, table.first_row)
 
 
+def _typical_step(step: Array) -> float:
+    """Return the median of steps (n,), or their mean where most are within packets of samples: these are far shorter.
+
+    The mean leaves out holes.
+    """
+    usual, mean = float(np.median(step)), float(step[step <= np.quantile(step, _NO_HOLES)].mean())
+    return mean if mean > _IN_PACKETS * usual else usual
+
+
+_NO_HOLES = 0.995
+"""Share of steps that are no holes: those between packets of up to 200 samples are among them."""
+_IN_PACKETS = 5.0
+"""Ratio of the mean step to the median one above which most steps are within packets, as in
+:mod:`trackfg.checks.inertial.packet_stamps`."""
+
+
 def guessed_unit(values: Array) -> str:
     """Return the unit of numeric times: by their size for Unix times, else by their step, ``s`` from 1 ms to 5 s."""
     largest = float(np.nanmax(np.abs(values)))
@@ -227,7 +243,7 @@ def guessed_unit(values: Array) -> str:
     step = step[step > 0]
     if step.size == 0:
         return "s"
-    typical = float(np.median(step))
+    typical = _typical_step(step)
     since_1970 = [largest - zero for zero in _DAYS_TO_1970]
     if typical * _DAY_S < 10.0 and any(_DAYS_SINCE_1970[0] <= day <= _DAYS_SINCE_1970[1] for day in since_1970):
         return "days"

@@ -446,6 +446,16 @@ def test_sparse_events_count_like_the_inertial_sensor_beside_them(tmp_path):
     assert proposal.sections["fixes"]["time_unit"] == "s"
 
 
+def test_a_channel_without_any_value_is_named(tmp_path):
+    (source := tmp_path / "s").mkdir()
+    text = _imu_text(columns="Gyro X,Gyro Y,Gyro Z,Acc X,Acc Y,Acc Z").replace(",0.02,", ",NaN,")
+
+    with pytest.raises(
+        BadInputError, match=r"no three columns of the gyro .*\(no value in any row of Gyro Y\); expected"
+    ):
+        propose(_tables(source, imu=text), lambda question: question.default)
+
+
 def test_a_header_above_rows_that_are_mostly_text_is_found(tmp_path):
     rows = "".join(f"{i * 0.1:.1f},bogie,front,left,ok,{i}\n" for i in range(60))
     (source := tmp_path / "s").mkdir()

@@ -259,6 +259,15 @@ def test_a_unix_time_of_a_receiver_and_a_counter_of_whole_floats_are_what_they_w
     np.testing.assert_allclose(np.diff(_times(list(wrapped), unit="us")), 0.005)
 
 
+@pytest.mark.parametrize(("scale", "unit"), [(1.0, "s"), (1e3, "ms"), (1e6, "us"), (1e9, "ns")])
+def test_stamps_by_the_packet_are_of_the_unit_of_the_samples(scale, unit):
+    row = np.arange(2000)
+    stamps = (row // 10 + 1) * 0.05 + 3e-6 * (row % 10) + 5.0 * (row > 1500)  # a hole, too
+    packets = SourceTable("log.csv", pd.DataFrame({"time": stamps * scale}))
+
+    assert time_unit(packets, ("time",)) == {"time_unit": unit}
+
+
 def test_gps_time_is_18_s_ahead_of_utc():
     gps = pd.Timestamp("2026-05-01T03:12:18Z") - pd.Timestamp("1980-01-06T00:00:00Z")
     table = SourceTable("log.csv", pd.DataFrame({"t": [gps.total_seconds()]}))

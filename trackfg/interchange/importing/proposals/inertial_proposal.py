@@ -72,6 +72,8 @@ def _not_found(lacking: Sequence[str], tables: Sequence[SourceTable]) -> str:
             "inertial sensor, without which nothing is estimated. Hint: give the folder in which they lie beside the "
             "positions, or name their columns in a mapping (docs/importing.md)"
         )
+    empty = [name for table in tables for name in table.columns if table.frame[name].isna().all()]
+    more += f" (no value in any row of {', '.join(empty[:20])})" if empty else ""
     return (
         f"no three columns of the {lacking[0]} found among {names}{more}; expected names such as gyro_x, or for a "
         "track geometry a column of places and channels such as level. Hint: name them in a mapping (docs/importing.md)"
