@@ -8,7 +8,7 @@ sensor's detail in between.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -37,7 +37,7 @@ _LONGEST_STEP_S = 0.02
 """A row of dense motion is no longer than this, s: 50 Hz, above the motion of a body on springs (below 10 Hz)."""
 
 _CHUNK = 400
-"""Intervals at a time: what is needed on the way stays small."""
+"""Intervals at a time without kernels: what is needed on the way stays small."""
 
 _CONJUGATE = np.array([[1.0], [-1.0], [-1.0], [-1.0]])
 
@@ -92,35 +92,66 @@ def dense_step(states: States, step_m: float) -> float:
 def dense_motion(run: RunContext, states: States, step_s: float, times: Array | None = None) -> DenseMotion:
     """Return rows about every ``step_s`` s (not finer than the IMU's samples), around each of ``times``, at the end."""
     starts, first = increment_starts(run.inertial, run.edges, step_s, times)
-    return _joined(_parts(run, states, starts, first), len(starts))
+    last, rows = len(run.t) - 1, len(starts)
+    motion = DenseMotion(
+        t=np.empty(rows),
+        nav=Nav(np.empty((rows, 3, 3)), np.empty((rows, 3)), np.empty((rows, 3))),
+        distance=np.empty(rows),
+        gyro=np.empty((rows, 3)),
+        gyro_span=np.empty(rows),
+        keyframe=np.append(np.arange(last).repeat(np.diff(first)), last - 1),
+        fraction=np.empty(rows),
+        forward=mount_matrix(states.mount)[0, :, 0],
+    )
+    columns = _columns(motion)
+    write = _write_by_kernel if compiled_kernels() else _write_by_arrays
+    write(run, states, starts, first, [column[:-1] for column in columns])
+    nav, distance = states.nav, states.odo.distance
+    of_motion = (run.t[last], nav.R[last], nav.p[last], nav.v[last], distance[last])
+    of_last = (*of_motion, motion.gyro[-2], motion.gyro_span[-2], 1.0)
+    for column, value in zip(columns, of_last, strict=True):
+        column[-1] = value
+    return motion
 
 
-def _parts(run: RunContext, states: States, starts: np.ndarray, first: np.ndarray) -> Iterator[DenseMotion]:
-    """Yield the rows of some intervals at a time, and that of the last keyframe."""
-    bias = states.bias[:, 3:].mean(axis=0)
-    n = len(run.t) - 1
-    between = _between_by_kernel if compiled_kernels() else _between
+def _columns(motion: DenseMotion) -> tuple[Array, ...]:
+    """Return what is computed of the rows, in the order of the kernel in ``kernels/dense.cpp``."""
+    nav = motion.nav
+    return motion.t, nav.R, nav.p, nav.v, motion.distance, motion.gyro, motion.gyro_span, motion.fraction
+
+
+def _write_by_arrays(
+    run: RunContext, states: States, starts: np.ndarray, first: np.ndarray, out: Sequence[Array]
+) -> None:
+    """Write the :func:`_columns` of the rows between all keyframes."""
+    gyro_bias, n = states.bias[:, 3:].mean(axis=0), len(run.t) - 1
     for k in range(0, n, _CHUNK):
-        part = between(run, states, slice(k, min(k + _CHUNK, n)), starts, first, bias)
-        yield part
-    t, nav, distance = run.t[n:], states.nav[n:], states.odo.distance[n:]
-    last = part.gyro[-1:], part.gyro_span[-1:]
-    yield DenseMotion(t, nav, distance, *last, np.array([n - 1]), np.ones(1), part.forward)
+        intervals = slice(k, min(k + _CHUNK, n))
+        part = _between(run, states, intervals, starts, first, gyro_bias)
+        for column, written in zip(out, _columns(part), strict=True):
+            column[first[intervals.start] : first[intervals.stop]] = written
 
 
-def _joined(parts: Iterator[DenseMotion], rows: int) -> DenseMotion:
-    """Return ``rows`` rows of parts that follow each other; each is written into place before the next is made."""
-    whole: list[np.ndarray] = []
-    begin = 0
-    for part in parts:
-        nav = part.nav
-        columns = (part.t, nav.R, nav.p, nav.v, part.distance, part.gyro, part.gyro_span, part.keyframe, part.fraction)
-        whole = whole or [np.empty((rows, *column.shape[1:]), dtype=column.dtype) for column in columns]
-        for out, column in zip(whole, columns, strict=True):
-            out[begin : begin + len(column)] = column
-        begin += len(part.t)
-    t, R, p, v, distance, gyro, gyro_span, keyframe, fraction = whole
-    return DenseMotion(t, Nav(R, p, v), distance, gyro, gyro_span, keyframe, fraction, part.forward)
+def _write_by_kernel(
+    run: RunContext, states: States, starts: np.ndarray, first: np.ndarray, out: Sequence[Array]
+) -> None:
+    """Do as :func:`_write_by_arrays`, in ``kernels/dense.cpp``."""
+    from trackfg.numerics import compiled
+
+    data = run.inertial.take(slice(int(starts[0]), int(starts[-1])))  # what is not laid out by rows is copied
+    edges, gyro, accel = map(kernel_argument, (data.edges, data.gyro, data.accel))
+    nav, forward, gyro_bias = states.nav, mount_matrix(states.mount)[0, :, 0], states.bias[:, 3:].mean(axis=0)
+    keyframes = (run.t, nav.R, nav.p, nav.v, states.odo.distance, states.bias)
+    compiled.dense_motion(
+        edges,
+        gyro,
+        accel,
+        (starts - starts[0]).astype(np.int64, copy=False),
+        first.astype(np.int64, copy=False),
+        np.concatenate([[run.world.gravity, EARTH_RADIUS], run.world.earth_rate, gyro_bias, forward]),
+        tuple(map(kernel_argument, keyframes)),
+        tuple(out),
+    )
 
 
 @dataclass(frozen=True)
@@ -167,37 +198,6 @@ def _between(
     ahead = matrices_times(R, forward), matrices_times(end.R, forward)
     p, v, along = _path(rows, start, end, ahead, push, fall, distance)
     return DenseMotion(t, Nav(R, p, v), along, rate, increments.duration, i + intervals.start, rows.f, forward)
-
-
-def _between_by_kernel(
-    run: RunContext, states: States, intervals: slice, starts: np.ndarray, first: np.ndarray, gyro_bias: Array
-) -> DenseMotion:
-    """Do as :func:`_between`, in ``kernels/dense.cpp``."""
-    from trackfg.numerics import compiled
-
-    ends = slice(intervals.start, intervals.stop + 1)
-    rows_of = first[ends] - first[intervals.start]
-    starts = starts[first[intervals.start] : first[intervals.stop] + 1]
-    data = run.inertial.take(slice(int(starts[0]), int(starts[-1])))  # what is not laid out by rows is copied
-    edges, gyro, accel = map(kernel_argument, (data.edges, data.gyro, data.accel))
-    nav, forward = states.nav[ends], mount_matrix(states.mount)[0, :, 0]
-    keyframes = (run.t[ends], nav.R, nav.p, nav.v, states.odo.distance[ends], states.bias[ends])
-    setting = np.concatenate([[run.world.gravity, EARTH_RADIUS], run.world.earth_rate, gyro_bias, forward])
-    m = len(starts) - 1
-    t, distance, span, fraction = (np.empty(m) for _ in range(4))
-    R, p, v, rate = np.empty((m, 3, 3)), np.empty((m, 3)), np.empty((m, 3)), np.empty((m, 3))
-    compiled.dense_motion(
-        edges,
-        gyro,
-        accel,
-        (starts - starts[0]).astype(np.int64),
-        rows_of.astype(np.int64),
-        setting,
-        tuple(map(kernel_argument, keyframes)),
-        (t, R, p, v, distance, rate, span, fraction),
-    )
-    keyframe = np.arange(intervals.start, intervals.stop).repeat(np.diff(rows_of))
-    return DenseMotion(t, Nav(R, p, v), distance, rate, span, keyframe, fraction, forward)
 
 
 def _attitude(rows: _Rows, start: Nav, end: Nav, rate: Array, turning: Array) -> Array:
