@@ -654,7 +654,7 @@ _SENSORS = (
         "trackfg/streaming/window/noise_record.py",
         ("tests/trackfg/streaming/window/test_noise_record.py",),
         (
-            _one("levels are of assumed sigmas, not of declared ones", "* level[used] ** 2", "* 1.0"),
+            _one("levels are of assumed sigmas, not of declared ones", "* level**2", "* 1.0"),
             _one(
                 "intervals to come have the oldest level",
                 "self.newest, self.others = inertial[-1]",
