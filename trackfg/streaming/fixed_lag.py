@@ -220,6 +220,7 @@ class FixedLagSmoother:
             doubts += self._vibration_test.events(until, running.context.conventions)
             doubts += (*self._accelerometer_test.events(until), *self._bandwidth_test.events(until))
             doubts += (*running.noise.events(until), *running.gnss.events(until), *running.gnss_speeds.events(until))
+            doubts += running.walk_test.events(until)
             declared = self._buffer.description.imu.noise.rectification_sd
             doubts += prior_doubts(running.newest.states, self.config, declared, until)
         return doubts

@@ -34,7 +34,7 @@ from trackfg.results.events import Event
 from trackfg.solver.covariance import Covariance, posterior_covariance
 from trackfg.solver.gauss_newton import solve
 from trackfg.solver.square_root import SquareRoot
-from trackfg.solver.variance_components import GROUPS, Residuals, group_residuals, ratios_of
+from trackfg.solver.variance_components import GROUPS, Residuals, group_residuals, ratios_of, walk_residuals
 from trackfg.streaming.checkpoint.snapshot import DERIVED
 from trackfg.streaming.window.filter_step import FilterResult, PredictedPair
 from trackfg.streaming.window.fix_voting import FixVotes, shift_interval, shift_window
@@ -46,6 +46,7 @@ from trackfg.streaming.window.sample_buffer import AFTER_S, SampleBuffer
 from trackfg.streaming.window.starting_window import FirstProblem, KnownDistance, late_tach
 from trackfg.streaming.window.stream_context import StreamContext
 from trackfg.streaming.window.tach_buffer import TachBuffer
+from trackfg.streaming.window.walk_test import WalkTest
 from trackfg.streaming.window.wheel_creep import WALK_PER_SQRT_M, Creep, scale_walks, with_creep, with_walk
 from trackfg.streaming.window.window import Interval, MarginalisedKeyframes, Window, WindowStep
 
@@ -126,8 +127,8 @@ class RunningWindow:
     ``damped_work``: the steps it tried until then, times the keyframes of each, with a share of those of lost windows.
     ``walks``: whether the wheel's scale walks by the accelerometer's evidence. ``gnss``: what its positions have shown
     of their errors, ``noise``: what residuals have shown of all else. ``speed_doubted``: whether the sigmas of the
-    speed are too small beyond chance so far. ``undelivered_pass``: the result of a pass that :meth:`add_keyframe` had
-    to take, or of the first window.
+    speed are too small beyond chance so far. ``walk_test``: whether biases walk faster than declared.
+    ``undelivered_pass``: the result of a pass that :meth:`add_keyframe` had to take, or of the first window.
     """
 
     buffer: SampleBuffer
@@ -154,6 +155,7 @@ class RunningWindow:
     gnss_speeds: GnssRecord = field(default_factory=GnssRecord.of_speeds)
     noise: NoiseRecord = field(default_factory=NoiseRecord)
     speed_doubted: bool = False
+    walk_test: WalkTest = field(default_factory=WalkTest)
     undelivered_pass: Relinearisation | None = None
 
     @classmethod
@@ -427,6 +429,9 @@ class RunningWindow:
             groups = group_residuals(
                 window, window.states, covariance, self.buffer.inertial.bridged_from(window.t[:-1])
             )
+            walk = walk_residuals(window, window.states, covariance)
+            if walk is not None:
+                self.walk_test.put(walk, leaving)
         ratios, changes = ratios_of(groups), False
         speed_doubted = self.speed_doubted and self.noise.has_risen
         for record, doubted in ((self.gnss, speed_doubted), (self.gnss_speeds, False)):
