@@ -3,7 +3,7 @@
 batch      every effect of :mod:`trackfg.datasets.effects` at each of its magnitudes: error, sigma, and the verdict of
            each quantity; beside it an oracle, the same smoother with the effect declared or left out, and dead
            reckoning
-stream     six of the effects as a stream with 20 s of lag
+stream     six of the effects, or those that are named, as a stream with 20 s of lag
 floor      100 random runs with sensors of a few euros against dead reckoning
 combined   60 random runs in which two to six effects come together
 real       KITTI, Kingston, comma2k19 and drives of the Wheel Inertial Dataset with the default settings
@@ -67,7 +67,7 @@ def calls_of(arguments: argparse.Namespace, seeds: range) -> dict[tuple[str, str
     calls: dict[tuple[str, str, int], Call] = {}
     for part, measure in (("batch", measured_case), ("stream", measured_stream_case)):
         if part in arguments.parts:
-            run = [case for case in chosen if part == "batch" or case.effect in STREAMED]
+            run = [case for case in chosen if part == "batch" or arguments.effects or case.effect in STREAMED]
             calls |= {
                 (part, case.name, seed): (measure, (case, seed, arguments.duration)) for case in run for seed in seeds
             }

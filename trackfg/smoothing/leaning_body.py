@@ -11,7 +11,7 @@ for a sensor on a wheelset. Where the speed does not change in curves lean and c
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -23,7 +23,7 @@ from trackfg.numerics.spans import true_runs
 from trackfg.numerics.units import STANDARD_GRAVITY
 from trackfg.recording.findings import Finding
 from trackfg.results.verdict import Doubt
-from trackfg.smoothing.passage import Passage, chord_curvature, passage
+from trackfg.smoothing.passage import chord_curvature, passage
 from trackfg.smoothing.reassessment import Reassessment, SolvedRun
 
 _CURVED_1PM = 1e-3
@@ -38,7 +38,10 @@ _SPAN_CELLS = 7
 _CHORD_CELLS = 2
 """Curvature is that of the heading over so many cells to either side."""
 
-_FEWEST_CELLS = 4
+NEIGHBOURS = _SPAN_CELLS // 2 + _CHORD_CELLS
+"""Cells on either side of one that decide whether it is in a circle."""
+
+FEWEST_CELLS = 4
 """Circles of fewer cells are left out: the mean and the slope of three are two thirds of them."""
 
 _ALIKE_CELLS = 3.0
@@ -53,14 +56,26 @@ _SURE_SIGMAS = 4.0
 _LEAST = 0.05
 """Bogie frames, on their stiff springs, lean less than this share; what is measured on them is nearly the track's."""
 
-_HINT = "write rigid = false in [imu]: the geometry of the track then needs displacement sensors"
+HINT = "write rigid = false in [imu]: the geometry of the track then needs displacement sensors"
 
 
-class _Lean(NamedTuple):
+class Lean(NamedTuple):
     """Share of the cant deficiency by which the vehicle leans outwards, with its sigma."""
 
     share: float
     sd: float
+
+    @property
+    def is_sure(self) -> bool:
+        """Return whether it is more than a bogie frame leans, beyond chance."""
+        return self.share - _LEAST >= _SURE_SIGMAS * self.sd
+
+    def in_words(self) -> str:
+        """Say what it shows."""
+        return (
+            f"in curves the vehicle leans outwards by {100 * self.share:.0f} +- {100 * self.sd:.0f} % of the cant "
+            "deficiency: the sensor is on springs and was declared rigid"
+        )
 
 
 def leaning_body(run: SolvedRun) -> Reassessment:
@@ -68,57 +83,61 @@ def leaning_body(run: SolvedRun) -> Reassessment:
     if run.problem.family(FactorType.PATH) is None:
         return Reassessment(run.problem)
     at = passage(run)
-    lean = _lean(at)
-    if lean.share - _LEAST < _SURE_SIGMAS * lean.sd:
+    x = pull(at.speed, at.heading)
+    lean = lean_of(circle_sums(x, at.roll, circles(at.heading)))
+    if not lean.is_sure:
         return Reassessment(run.problem)
-    message = (
-        f"in curves the vehicle leans outwards by {100 * lean.share:.0f} +- {100 * lean.sd:.0f} % of the cant "
-        "deficiency: the sensor is on springs and was declared rigid"
-    )
-    angle = lean.share / (1.0 + lean.share) * (_pull(at) + at.roll)
+    message = lean.in_words()
+    angle = lean.share / (1.0 + lean.share) * (x + at.roll)
     factor = float(np.sqrt(1.0 + np.mean(angle**2) / np.mean(at.roll_variance)))
     doubts = (
-        Doubt(("cross_level", "twist", "level", "alignment"), np.inf, message, _HINT),
-        Doubt(("roll",), factor, message, _HINT),
+        Doubt(("cross_level", "twist", "level", "alignment"), np.inf, message, HINT),
+        Doubt(("roll",), factor, message, HINT),
     )
-    return Reassessment(run.problem, (Finding("warning", "leaning-body", message, hint=_HINT),), doubts)
+    return Reassessment(run.problem, (Finding("warning", "leaning-body", message, hint=HINT),), doubts)
 
 
-def _lean(at: Passage) -> _Lean:
+def circle_sums(x: Array, roll: Array, within: Iterable[slice]) -> Array:
+    """Return sums over the cells of circles, (5,): of x^2, x roll and roll^2, each x and roll (n,) less its mean in the
+    circle; and the numbers of cells and of circles.
+    """
+    sums = np.zeros(5)
+    for circle in within:
+        own_x, own_roll = x[circle] - x[circle].mean(), roll[circle] - roll[circle].mean()
+        sums += [own_x @ own_x, own_x @ own_roll, own_roll @ own_roll, len(own_x), 1.0]
+    return sums
+
+
+def lean_of(sums: Array) -> Lean:
     """Return the slope of roll against x within circles, and its sigma; infinite where no speed changes."""
-    pull, roll = [np.zeros(0)], [np.zeros(0)]
-    x = _pull(at)
-    for circle in _circles(_curvature(at)):
-        pull.append(x[circle] - x[circle].mean())
-        roll.append(at.roll[circle] - at.roll[circle].mean())
-    x, phi = np.concatenate(pull), np.concatenate(roll)
-    power = float(x @ x)
-    circles = len(pull) - 1
-    free = len(x) / _ALIKE_CELLS - circles - 1
+    power, product, of_roll, cells, number = sums.tolist()
+    free = cells / _ALIKE_CELLS - number - 1.0
     if power < _LEAST_POWER or free <= 0.0:
-        return _Lean(0.0, np.inf)
-    share = float(x @ phi) / power
-    variance = float(np.sum((phi - share * x) ** 2)) / _ALIKE_CELLS / free
-    return _Lean(share, float(np.sqrt(_ALIKE_CELLS * variance / power)))
+        return Lean(0.0, np.inf)
+    share = product / power
+    variance = (of_roll - share * product) / _ALIKE_CELLS / free
+    return Lean(share, float(np.sqrt(_ALIKE_CELLS * max(variance, 0.0) / power)))
 
 
-def _curvature(at: Passage) -> Array:
-    """Return the turn to the left per metre of way, 1/m, 0 at both ends of the run."""
-    curvature = np.zeros(len(at.heading))
-    curvature[_CHORD_CELLS:-_CHORD_CELLS] = chord_curvature(at.heading, _CHORD_CELLS)
-    return curvature
+def pull(speed: Array, heading: Array) -> Array:
+    """Return x (n,), rad: what the cant would be that takes up all of the lateral acceleration."""
+    return np.asarray(speed * np.abs(speed) * _curvature(heading) / STANDARD_GRAVITY)
 
 
-def _pull(at: Passage) -> Array:
-    """Return x, rad: what the cant would be that takes up all of the lateral acceleration."""
-    return np.asarray(at.speed * np.abs(at.speed) * _curvature(at) / STANDARD_GRAVITY)
-
-
-def _circles(curvature: Array) -> Iterator[slice]:
+def circles(heading: Array) -> Iterator[slice]:
     """Yield the circles, as cells along the way."""
+    curvature = _curvature(heading)
     spread = maximum_filter1d(curvature, _SPAN_CELLS) - minimum_filter1d(curvature, _SPAN_CELLS)
     size = np.abs(curvature)
     circular = (size > _CURVED_1PM) & (spread < _CONSTANT * size)
     for first, end in true_runs(circular).tolist():
-        if end - first >= _FEWEST_CELLS:
+        if end - first >= FEWEST_CELLS:
             yield slice(first, end)
+
+
+def _curvature(heading: Array) -> Array:
+    """Return the turn to the left per metre of way, 1/m, 0 at both ends."""
+    curvature = np.zeros(len(heading))
+    if len(heading) > 2 * _CHORD_CELLS:
+        curvature[_CHORD_CELLS:-_CHORD_CELLS] = chord_curvature(heading, _CHORD_CELLS)
+    return curvature

@@ -13,7 +13,9 @@ module                  content
 ``fixed_lag``           :class:`~trackfg.streaming.fixed_lag.FixedLagSmoother`: rows in, estimates out
 ``outages``             times without any rows that are too long to be bridged
 ``sigma_test``          whether smoothed and filtered estimates differ by more than their sigmas
+``track_cells``         smoothed rows on a grid along the way
 ``roll_test``           whether the mean roll on straights is zero
+``lean_test``           whether a sensor that is declared rigid leans in curves
 ``vibration_test``      whether the sensor vibrates by more than the track's sigmas
 ``accelerometer_test``  whether the accelerometer is later than the gyro
 ``bandwidth_test``      whether the sensor is too slow for the waves of the track

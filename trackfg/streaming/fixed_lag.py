@@ -45,12 +45,14 @@ from trackfg.streaming.bandwidth_test import BandwidthTest
 from trackfg.streaming.checkpoint.snapshot import Snapshot, dump, load_attributes
 from trackfg.streaming.doubts import Doubts
 from trackfg.streaming.far_priors import prior_doubts
+from trackfg.streaming.lean_test import LeanTest
 from trackfg.streaming.locating.map_locator import MapLocator
 from trackfg.streaming.outages import Outage, distance_after, outage_after
 from trackfg.streaming.roll_test import RollTest
 from trackfg.streaming.rows import Rows
 from trackfg.streaming.sigma_test import SigmaTest, fix_doubts
 from trackfg.streaming.tables.smoothed_tables import SmoothedTables, TableInput, Tables
+from trackfg.streaming.track_cells import TrackCells
 from trackfg.streaming.vibration_test import VibrationTest
 from trackfg.streaming.window.moving_window import LostWindow, MovingWindow
 from trackfg.streaming.window.running_window import FilterUpdate, Relinearisation, RunningWindow
@@ -138,7 +140,9 @@ class FixedLagSmoother:
     """The end of the tables of a lost window, s."""
     _locator: MapLocator | None
     _sigma_test: SigmaTest
+    _track_cells: TrackCells
     _roll_test: RollTest
+    _lean_test: LeanTest
     _vibration_test: VibrationTest
     _accelerometer_test: AccelerometerTest
     _bandwidth_test: BandwidthTest
@@ -175,7 +179,8 @@ class FixedLagSmoother:
         self._locator = None if feature_map is None else MapLocator(description, self.config, feature_map)
         self._moving = MovingWindow(self._buffer, self.config, lag_s, on_map=feature_map is not None)
         self._tables, self._done_s = None, -np.inf
-        self._sigma_test, self._roll_test, self._vibration_test = SigmaTest(), RollTest(), VibrationTest()
+        self._sigma_test, self._vibration_test = SigmaTest(), VibrationTest()
+        self._track_cells, self._roll_test, self._lean_test = TrackCells(), RollTest(), LeanTest()
         self._accelerometer_test, self._bandwidth_test, self._doubts = AccelerometerTest(), BandwidthTest(), Doubts()
 
     def put(self, rows: Rows) -> Estimates:
@@ -214,7 +219,7 @@ class FixedLagSmoother:
     def _doubted(self) -> tuple[Event, ...]:
         """Return what the tests of the sigmas say now of all that has come."""
         until, running = self._buffer.until, self._moving.running
-        doubts = (*self._sigma_test.events(until), *self._roll_test.events(until))
+        doubts = (*self._sigma_test.events(until), *self._roll_test.events(until), *self._lean_test.events(until))
         doubts += fix_doubts(self._moving.votes.tested, self._moving.votes.squares, until)
         if running is not None:
             doubts += self._vibration_test.events(until, running.context.conventions)
@@ -309,7 +314,10 @@ class FixedLagSmoother:
 
     def _test_trajectory(self, smoothed: pd.DataFrame) -> None:
         self._sigma_test.put(smoothed)
-        self._roll_test.put(smoothed)
+        cells = self._track_cells.put(smoothed)
+        self._roll_test.put(cells)
+        if self._buffer.description.imu.rigid:
+            self._lean_test.put(cells)
 
     def _test_samples(self, samples: Intervals, running: RunningWindow, led_to: Tables) -> None:
         """Take samples, and the tables that they led to, into the tests of what the sensor makes of the track."""

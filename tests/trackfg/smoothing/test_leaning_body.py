@@ -11,7 +11,7 @@ import pytest
 from trackfg.config import SmoothConfig
 from trackfg.numerics.units import STANDARD_GRAVITY
 from trackfg.recording.model import Recording
-from trackfg.smoothing.leaning_body import _lean, leaning_body
+from trackfg.smoothing.leaning_body import Lean, circle_sums, circles, lean_of, leaning_body, pull
 from trackfg.smoothing.passage import STEP_M, Passage
 from trackfg.smoothing.smoother import SmoothedStates, smooth_states
 
@@ -29,17 +29,21 @@ def braking(share: float, cant_rad: float, noise_rad: float, backwards: bool = F
     return Passage(way * heading, roll, np.full(len(s), 1e-6), way * speed)
 
 
+def lean(at: Passage) -> Lean:
+    return lean_of(circle_sums(pull(at.speed, at.heading), at.roll, circles(at.heading)))
+
+
 @pytest.mark.parametrize("share", [0.0, 0.2, 0.4])
 @pytest.mark.parametrize("backwards", [False, True])
 def test_roll_changes_with_the_speed_in_a_circle_by_the_share(share: float, backwards: bool) -> None:
-    lean = _lean(braking(share, cant_rad=0.05, noise_rad=3e-4, backwards=backwards))
-    assert abs(lean.share - share) < 4.0 * lean.sd
-    assert lean.sd < 0.02
+    seen = lean(braking(share, cant_rad=0.05, noise_rad=3e-4, backwards=backwards))
+    assert abs(seen.share - share) < 4.0 * seen.sd
+    assert seen.sd < 0.02
 
 
 def test_at_one_speed_nothing_is_known() -> None:
     at = braking(0.2, 0.05, 0.0)
-    assert _lean(replace(at, speed=np.full(len(at.speed), 20.0))).sd == np.inf
+    assert lean(replace(at, speed=np.full(len(at.speed), 20.0))).sd == np.inf
 
 
 def test_a_body_declared_rigid_is_found_out_and_its_geometry_not_trusted(
