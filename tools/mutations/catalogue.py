@@ -605,7 +605,7 @@ _SENSORS = (
                 "0.5 * (share + np.append(0.0, share[:-1]))",
                 "share",
             ),
-            _one("any two rows are a hole", "max(_HOLE_INTERVALS * dt, _HOLE_S)", "min(_HOLE_INTERVALS * dt, _HOLE_S)"),
+            _one("any two rows are a hole", "np.maximum(_HOLE_INTERVALS", "np.minimum(_HOLE_INTERVALS"),
         ),
     ),
     Part(

@@ -81,8 +81,9 @@ class Intervals(Outlined):
         """Return the median length of the intervals of the rate that there is in each of the ``rows`` (m,), s."""
         if len(self.stretches) == 1:
             return self.usual_duration
-        usual = np.array([self.take(rows).usual_duration for rows in self.stretches])
-        return usual[np.searchsorted([rows.stop for rows in self.stretches[:-1]], rows, side="right")]
+        usual = np.array([self.take(stretch).usual_duration for stretch in self.stretches])
+        ends = [stretch.stop for stretch in self.stretches[:-1]]
+        return usual[np.searchsorted(ends, rows, side="right")]
 
     def bridged_from(self, t: Array) -> np.ndarray:
         """Return whether the record is bridged from each of some edges on, at ``t`` (m,), s. Shape (m,)."""
@@ -100,9 +101,9 @@ _HOLE_S = 0.05
 """A hole is longer than this, s: a fast sensor may lose some samples and hardly anything moves meanwhile."""
 
 
-def hole_s(dt: float) -> float:
-    """Return from which distance (s) of neighbouring samples on there is a hole; ``dt`` is the sampling interval, s."""
-    return max(_HOLE_INTERVALS * dt, _HOLE_S)
+def hole_s(dt: Array) -> Array:
+    """Return from which distances (s) of neighbouring samples on there is a hole, at sampling intervals ``dt``, s."""
+    return np.maximum(_HOLE_INTERVALS * dt, _HOLE_S)
 
 
 def intervals(recording: Recording) -> Intervals:
@@ -121,7 +122,7 @@ def laid_out(t: Array, gyro: Array, accel: Array, dt: float, begin: float | None
     """
     steps = np.diff(t)
     local = local_intervals(steps, dt) if len(steps) else np.array([dt])
-    holes = np.flatnonzero(steps > np.maximum(_HOLE_INTERVALS * local, _HOLE_S))
+    holes = np.flatnonzero(steps > hole_s(local))
     bridged = np.zeros(t.size, dtype=bool)
     if holes.size:
         inserted = [np.linspace(t[i], t[i + 1], round(steps[i] / local[i]) + 1)[1:-1] for i in holes]

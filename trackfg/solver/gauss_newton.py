@@ -38,8 +38,9 @@ _LONGEST = 8.0
 """A step is doubled no further than this multiple of it."""
 
 _AS_EXPECTED = 2.0**-5
-"""A cost that falls as expected up to this share of it is a parabola, which twice the step leads back up: what it is
-off by would have to grow with more than the fifth power of the step to make that lower.
+"""Deviation from the expected decrease of the cost, as a share of it, up to which the cost is taken for quadratic along
+the step. Then twice the step has the cost of none: the deviation would have to grow with more than the fifth power of
+the step's length for it to be lower than that of the step.
 """
 
 _ROUGH = 3.0

@@ -1,4 +1,4 @@
-"""The rate of the inertial sensor changes while a stream goes on."""
+"""A stream whose inertial sensor changes its sampling rate during the run."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from trackfg.datasets.scenarios import simulate
 
 
 def test_a_stream_follows_a_change_of_the_rate(stream: Callable[..., Any]) -> None:
-    """From 200 to 10 samples a second after 70 s: the first two seconds are bridged, the rest is measured."""
+    """From 200 to 10 samples a second after 70 s: the first two seconds are bridged, later ones are measured."""
     recording = simulate("mainline", seed=0, duration_s=120.0).recording
     imu, row = recording.imu, 14_000
     means = pd.DataFrame(imu.iloc[row:].to_numpy().reshape(-1, 20, 7).mean(axis=1), columns=imu.columns)

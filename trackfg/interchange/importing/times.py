@@ -38,6 +38,12 @@ _LABVIEW_S = 2_082_844_800
 _EPOCH_S = (0.9e9, 4.0e9)
 """Numbers of seconds that are taken for a Unix time: 1998 to 2096."""
 
+_NO_HOLES = 0.995
+"""Share of steps that are no holes: those between packets of up to 200 samples are among them."""
+_IN_PACKETS = 5.0
+"""Ratio of the mean step to the median one above which most steps are within packets, as in
+:mod:`trackfg.checks.inertial.packet_stamps`."""
+
 _GPS_EPOCH = np.datetime64("1980-01-06T00:00:00", "ns")
 _GPS_LEAP_S = 18
 """GPS is ahead of UTC by so much since 2017 (IERS Bulletin C 52 to 70 announce no further one)."""
@@ -224,13 +230,6 @@ def _typical_step(step: Array) -> float:
     """
     usual, mean = float(np.median(step)), float(step[step <= np.quantile(step, _NO_HOLES)].mean())
     return mean if mean > _IN_PACKETS * usual else usual
-
-
-_NO_HOLES = 0.995
-"""Share of steps that are no holes: those between packets of up to 200 samples are among them."""
-_IN_PACKETS = 5.0
-"""Ratio of the mean step to the median one above which most steps are within packets, as in
-:mod:`trackfg.checks.inertial.packet_stamps`."""
 
 
 def guessed_unit(values: Array) -> str:

@@ -205,7 +205,7 @@ class ClockJumps:
     @property
     def _hole_s(self) -> float:
         """The distance of samples that makes a hole, s."""
-        return hole_s(self.interval_s or 0.0)
+        return float(hole_s(np.asarray(self.interval_s or 0.0)))
 
     def _next(self, imu: Array) -> Jump | None:
         """Return the first jump that the rows reach and that has not been explained."""
