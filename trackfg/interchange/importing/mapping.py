@@ -59,6 +59,7 @@ class _Reading(BaseModel):
     position_unit: str = "deg"
     crs: str | None = None
     increments: bool = False
+    levels: bool = False
     valid: str | None = None
     dop: str | None = None
     quality: str | None = None

@@ -205,7 +205,7 @@ def _balises(proposal: Proposal, tables: Sequence[SourceTable]) -> None:
     if passages is None:
         return
     table, name = passages
-    section = {"file": table.name, **proposal.times_of(table, beside=_clock_of_imu(proposal, tables)), "id": name}
+    section = {"file": table.name, **proposal.times_of(table, beside=proposal.clock_of_imu(tables)), "id": name}
     for places in (table, *(other for other, same in named if other is not table and same == name)):
         if first_of(places, "station") is not None:
             section |= {} if places is table else {"places": places.name}
@@ -239,7 +239,7 @@ def _fixes(proposal: Proposal, tables: Sequence[SourceTable]) -> None:
     for table in tables:
         if table.name in taken or first_of(table, "station") is None:
             continue
-        time = proposal.times_of(table, beside=_clock_of_imu(proposal, tables))
+        time = proposal.times_of(table, beside=proposal.clock_of_imu(tables))
         proposal.sections["fixes"] = {"file": table.name, **time, **_places(proposal, table, "fixes")}
         return
 
@@ -255,14 +255,6 @@ def _places(proposal: Proposal, table: SourceTable, section: str) -> dict[str, A
         return {"chainage": list(pair[0]), "sd": sd, "chainage_unit": pair[1]}
     unit = "m" if _written_places(table, name) else bare_unit(table, name)
     return {"chainage": name, "sd": sd, "chainage_unit": unit}
-
-
-def _clock_of_imu(proposal: Proposal, tables: Sequence[SourceTable]) -> tuple[SourceTable, str] | None:
-    """Return the table of the inertial sensor, the gyro's of two, and its column of times if it is one."""
-    file, time = proposal.sections["imu"]["file"], proposal.sections["imu"].get("time")
-    name = file if isinstance(file, str) else file[0]
-    table = next((table for table in tables if table.name == name), None)
-    return (table, time) if table is not None and isinstance(time, str) and time in table.columns else None
 
 
 def _written_places(table: SourceTable, name: str) -> bool:

@@ -21,7 +21,7 @@ from trackfg.numerics.arrays import Array
 _EXAMPLES: dict[Quantity, str] = {
     "angular rate": "rad/s, deg/s, deg/h, or 8.75 mdeg/s of a count; rad or deg of increments",
     "acceleration": "m/s^2, g, mg, or 0.122 mg of a count; m/s of increments",
-    "speed": "m/s, km/h, mph, or with wheel_diameter_m rpm",
+    "speed": "m/s, km/h, mph, or with wheel_diameter_m rpm, with pulses_per_rev Hz",
     "length": "m, mm, ft, or 0.25 mm of a count",
 }
 
@@ -37,8 +37,8 @@ def in_recorded_units(
     """Return columns in units that a recording knows, and the keys of the description with these.
 
     Increments of an IMU become rates over the interval before them, and turns of a wheel its speed. Pulses and
-    distances are unwrapped, or summed up where each row has an increment. Raises :class:`BadInputError` for an unknown
-    unit.
+    distances are unwrapped, or summed up where each row has an increment or a level. Raises :class:`BadInputError` for
+    an unknown unit.
     """
     columns, keys = dict(columns), dict(keys)
     if sensor.kind == "tach" and keys.get("kind") in ("pulses", "distance"):
@@ -71,9 +71,11 @@ def in_recorded_units(
 
 
 def _counted(sensor: MappedSensor, values: Array) -> Array:
-    """Return a wheel's counts or distances (n,), unwrapped, or the sum of increments."""
+    """Return a wheel's counts or distances (n,), unwrapped, or the sum of increments, or of the rises of levels."""
     if sensor.reading.increments:
         return np.cumsum(values)
+    if sensor.reading.levels:
+        return np.cumsum(np.diff(values, prepend=values[:1]) > 0.0).astype(np.float64)
     return unwrapped_count(values, sensor.count_wraps_at, signed=bool(sensor.keys.get("signed")))
 
 
@@ -119,11 +121,18 @@ def _recorded(sensor: MappedSensor, unit_key: str, quantity: Quantity, times: Ti
             # A lost sample must not look like a slow one: increments are over the usual interval.
             interval = float(np.median(np.diff(times.since(times.first_ns))))
             return {"angular rate": "rad/s"}.get(quantity, "m/s^2"), increment / interval
-    turning = factor_of(unit, "angular rate")
-    diameter = sensor.keys.get("wheel_diameter_m")
-    if quantity == "speed" and turning is not None and isinstance(diameter, int | float):
-        return "m/s", turning * 0.5 * float(diameter)
-    hint = " Hint: state wheel_diameter_m" if quantity == "speed" and turning is not None else ""
+    hint = ""
+    if quantity == "speed":
+        wheel = {key: sensor.keys.get(key) for key in ("wheel_diameter_m", "pulses_per_rev")}
+        diameter, pulses = (float(size) if isinstance(size, int | float) else None for size in wheel.values())
+        if (turning := factor_of(unit, "angular rate")) is not None:
+            if diameter is not None:
+                return "m/s", turning * 0.5 * diameter
+            hint = " Hint: state wheel_diameter_m"
+        if (rate := factor_of(unit, "frequency")) is not None:
+            if diameter is not None and pulses is not None:
+                return "m/s", rate * np.pi * diameter / pulses
+            hint = " Hint: state wheel_diameter_m and pulses_per_rev"
     raise BadInputError(
         f"[{sensor.section}] {unit_key} = {unit!r} is no unit of {quantity}; expected one such as "
         f"{_EXAMPLES[quantity]}.{hint}"

@@ -29,6 +29,17 @@ _BARE = re.compile(r"(axis|achse)?[\s_]*[xyz][\s_]*(axis|achse|value|wert)?", re
 _WHEEL = re.compile(r"wheel|axle|\brad(drehzahl|geschw\w*)?\b|achs")
 """What stands beside the unit of a speed, or of turns, in the name of a wheel's."""
 _OF_A_WHEEL: tuple[Quantity, ...] = ("speed", "angular rate")
+_BY_UNIT: tuple[tuple[Quantity, str], ...] = (
+    *((quantity, "speed") for quantity in _OF_A_WHEEL),
+    ("length", "distance"),
+    ("frequency", "pulse rate"),
+)
+"""What a column named after a counter is by its unit: a tachometer may show a speed, too."""
+_COUNTS = re.compile(
+    r"|[-#1n]|0/1|bool\w*|ttl|digital|(pulse|count|tick|edge|rev|turn)s?|(imp|inc|ink)\w*\.?|lsb|raw|int\d*",
+    re.IGNORECASE,
+)
+"""What stands in the place of a counter's unit."""
 _SAYS_NOTHING = re.compile(r"data|values?|log|samples|raw|output|export|sheet\d*|tabelle\d*", re.IGNORECASE)
 """Names of files that say nothing of what is in them."""
 _GRAVITY_BAND = (0.8, 1.2)
@@ -81,6 +92,9 @@ def kind_in(table: SourceTable, name: str) -> str | None:
     turns_or_rolls = any(unit and factor_of(unit, quantity) is not None for quantity in _OF_A_WHEEL)
     if kind is None and turns_or_rolls and _WHEEL.search(name.casefold()):
         return "speed"
+    if kind == "count":
+        by_unit = next((of for quantity, of in _BY_UNIT if factor_of(unit, quantity) is not None), None)
+        return by_unit or (kind if _COUNTS.fullmatch(unit.strip("[]() ")) else None)
     return "station" if kind is None and _holds_places(table.frame[column]) else kind
 
 

@@ -14,7 +14,7 @@ from typing import Literal, get_args
 from trackfg.numerics.chainage.km_notation import METRES_PER
 from trackfg.numerics.units import KMH, KNOT, MPH, STANDARD_GRAVITY, known_units, to_si
 
-Quantity = Literal["angular rate", "acceleration", "angle", "speed", "length", "time"]
+Quantity = Literal["angular rate", "acceleration", "angle", "speed", "length", "time", "frequency"]
 QUANTITIES: tuple[Quantity, ...] = get_args(Quantity)
 
 _FOOT_M = 0.3048
@@ -66,6 +66,10 @@ _NAMED: dict[Quantity, dict[str, float]] = {
     },
     "length": {},
     "time": {"ms": 1e-3, "us": 1e-6, "ns": 1e-9, "msec": 1e-3},
+    "frequency": {
+        "khz": 1e3,
+        **dict.fromkeys(("hz", "1/s", "s-1", "s^-1", "pulses/s", "pulse/s", "imp/s", "imp./s", "counts/s"), 1.0),
+    },
 }
 """Units with a name of their own."""
 _PREFIXED = ("dps", "g", "gn", "g0", "gal")
@@ -91,6 +95,7 @@ _PATTERNS: dict[Quantity, tuple[tuple[re.Pattern[str], dict[str, float], int], .
     "speed": ((_over_time(_LENGTHS, 1), _LENGTHS, 1),),
     "length": ((re.compile(rf"{_PREFIX}\s?(?P<unit>{_words(_LENGTHS)})s?"), _LENGTHS, 0),),
     "time": ((re.compile(rf"{_PREFIX}\s?(?P<unit>{_words(_TIMES)})s?"), _TIMES, 0),),
+    "frequency": (),
 }
 _NUMBER = re.compile(r"(?P<number>-?\d+(?:\.\d*)?(?:e[+-]?\d+)?)\s?[*x]?\s?(?P<rest>\D.*)")
 _COUNT = re.compile(r"\s?(?:/|per)\s?(?:lsb|counts?|digits?|bits?|ticks?|increments?)$")
@@ -153,7 +158,7 @@ def recorded_unit(
 def usual_name(text: str, quantity: Quantity) -> str | None:
     """Return a written unit, by the name that recordings have for it if they have one; None for no such unit."""
     factor = factor_of(text, quantity)
-    if factor is None or quantity in ("time", "angle"):
+    if factor is None or quantity in ("time", "angle", "frequency"):
         return None if factor is None else text
     units = known_units(quantity)
     return next((unit for unit in units if math.isclose(to_si(quantity, unit), factor, rel_tol=1e-12)), text)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -98,6 +98,13 @@ class Proposal:
         if table.name not in self._times:
             self._times[table.name] = self._new_times(table, ask, beside)
         return dict(self._times[table.name])
+
+    def clock_of_imu(self, tables: Sequence[SourceTable]) -> tuple[SourceTable, str] | None:
+        """Return the table of the inertial sensor, the gyro's of two, and its column of times if it is one."""
+        file, time = self.sections["imu"]["file"], self.sections["imu"].get("time")
+        name = file if isinstance(file, str) else file[0]
+        table = next((table for table in tables if table.name == name), None)
+        return (table, time) if table is not None and isinstance(time, str) and time in table.columns else None
 
     def _new_times(self, table: SourceTable, ask: Ask | None, beside: tuple[SourceTable, str] | None) -> dict[str, Any]:
         columns = time_columns(table)

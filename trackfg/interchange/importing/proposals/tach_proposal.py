@@ -17,7 +17,7 @@ from trackfg.interchange.importing.columns.plan_columns import plan_columns
 from trackfg.interchange.importing.columns.time_columns import is_sample_counter, time_columns
 from trackfg.interchange.importing.columns.written_units import factor_of, unit_in
 from trackfg.interchange.importing.proposals.questions import Ask, Proposal, Question, asked_number, asked_unit
-from trackfg.interchange.importing.source_table import SourceTable
+from trackfg.interchange.importing.source_table import ROW_NUMBER, SourceTable
 from trackfg.interchange.importing.times import TimeNotation, read_times
 from trackfg.interchange.importing.wheel_count import unwrapped_count
 from trackfg.numerics.chainage.passes import only_falls
@@ -32,33 +32,85 @@ _FEWEST_CHANGES = 10
 """Fewer changes of a column do not show whether they are at a receiver's times."""
 _FALLS = 0.01
 """Share of the steps that fall where a vehicle rolls back; fewer are rows that are wrong."""
+_PULSES = re.compile(r"pulse|impuls|edge|flank|tach|wheel|encoder")
+"""What the name of a table of pulses, or of one of its columns, has in it."""
 
 
 def propose_tach(proposal: Proposal, tables: Sequence[SourceTable], ask: Ask) -> None:
     """Add the section of the tachometer where a table has one."""
     imu = proposal.sections["imu"]["file"]
-    for kind in ("count", "distance", "speed"):
-        for table in tables:
-            times = time_columns(table) or ()
-            names = [name for name in table.columns if kind_in(table, name) == kind and _is_scalar(table, name)]
-            names = [name for name in names if name not in times]
-            name = next((name for name in names if _WHEEL.search(name.casefold())), next(iter(names), None))
-            if name is None or (kind != "count" and not _is_wheels(table, name, imu, ask)):
+    for kind in ("count", "pulse rate", "distance", "speed"):
+        for table, name in _candidates(tables, kind):
+            if kind in ("distance", "speed") and not _is_wheels(table, name, imu, ask):
                 continue
             section: dict[str, Any] = {"file": table.name, **proposal.times_of(table, ask), "column": name}
             if kind == "count":
-                text = f"Pulses per turn of the wheel, in {name}"
-                section["kind"] = "pulses"
-                section["pulses_per_rev"] = asked_number(ask, "tach.pulses_per_rev", text, "")
-                section["wheel_diameter_m"] = _diameter(ask)
+                section |= _pulses(f"in {name}", ask)
+                section |= _of_falls(proposal, table, section)
+            elif kind == "pulse rate":
+                section |= _pulses(f"counted in {name}", ask) | {"kind": "speed", "unit": _stated_unit(table, name)}
             elif kind == "distance":
                 section |= {"kind": "distance", "unit": _unit_of(proposal, table, name, "length", ask)}
+                section |= _of_falls(proposal, table, section)
             else:
                 section |= _speed(proposal, table, name, ask)
-            if kind != "speed":
-                section |= _of_falls(proposal, table, section)
             proposal.sections["tach"] = section
             return
+    _propose_times_of_pulses(proposal, tables, ask)
+
+
+def _candidates(tables: Sequence[SourceTable], kind: str) -> list[tuple[SourceTable, str]]:
+    """Return a column of this kind of each table that has one, those of which the name says a wheel first.
+
+    Of several in one table it is the one that says a wheel, else one that changes between the receiver's positions.
+    """
+    columns = []
+    for table in tables:
+        times, plan = time_columns(table) or (), plan_columns(table)
+        names = [name for name in table.columns if kind_in(table, name) == kind and _is_scalar(table, name)]
+        names = [name for name in names if name not in times and not _turns_otherwise(table, name)]
+        of_wheel = [name for name in names if _WHEEL.search(name.casefold())]
+        if len(names) > 1 and not of_wheel and plan is not None:
+            names.sort(key=lambda name: not _changes_between_positions(table, name, plan))
+        columns += [(table, name) for name in (of_wheel or names)[:1]]
+    return sorted(columns, key=lambda one: not _WHEEL.search(one[1].casefold()))
+
+
+def _turns_otherwise(table: SourceTable, name: str) -> bool:
+    """Return whether a column holds turns of something that neither its name nor its table's calls a wheel."""
+    turns = factor_of(_stated_unit(table, name), "angular rate") is not None
+    return turns and not _WHEEL.search(f"{stem_of(table.name)} {name}".casefold())
+
+
+def _stated_unit(table: SourceTable, name: str) -> str:
+    return table.units.get(name) or parts_of(name).unit or name.rpartition(" ")[2]
+
+
+def _pulses(which: str, ask: Ask) -> dict[str, Any]:
+    """Return the keys of pulses and of the wheel that gives them."""
+    text = f"Pulses per turn of the wheel, {which}"
+    pulses = asked_number(ask, "tach.pulses_per_rev", text, "")
+    return {"kind": "pulses", "pulses_per_rev": pulses, "wheel_diameter_m": _diameter(ask)}
+
+
+def _propose_times_of_pulses(proposal: Proposal, tables: Sequence[SourceTable], ask: Ask) -> None:
+    """Add the section of a tachometer of whose pulses a table has the times alone: each row is one."""
+    for table in tables:
+        times = time_columns(table) or ()
+        values = [name for name in table.columns if name not in times and not _is_constant(table.frame[name])]
+        named = _PULSES.search(f"{stem_of(table.name)} {' '.join(table.columns)}".casefold())
+        if not times or values or not named:
+            continue
+        clock = proposal.times_of(table, beside=proposal.clock_of_imu(tables))
+        proposal.sections["tach"] = {
+            "file": table.name, **clock, "column": ROW_NUMBER, **_pulses(f"of which {table.name} has the times", ask)
+        }  # fmt: skip
+        proposal.reasons["tach.column"] = f"{table.name} has times alone: each row is a pulse"
+        return
+
+
+def _is_constant(column: pd.Series) -> bool:
+    return bool((column.dropna() == column.iloc[0]).all())
 
 
 def _of_falls(proposal: Proposal, table: SourceTable, section: dict[str, Any]) -> dict[str, Any]:
@@ -70,6 +122,9 @@ def _of_falls(proposal: Proposal, table: SourceTable, section: dict[str, Any]) -
     name = section["column"]
     values = table.numbers(name)
     finite = values[np.isfinite(values)]
+    if section["kind"] == "pulses" and _are_levels(finite):
+        proposal.reasons["tach.levels"] = f"{name} is 0 or 1 for several rows in turn: its rises are counted"
+        return {"levels": True}
     going_on = unwrapped_count(finite)
     if only_falls(going_on):  # the import turns it round
         return {}
@@ -88,6 +143,19 @@ def _of_falls(proposal: Proposal, table: SourceTable, section: dict[str, Any]) -
         proposal.reasons["tach.signed"] = f"{name} falls for a while: the vehicle rolled back"
         return {"signed": True}
     return {}
+
+
+def _are_levels(values: np.ndarray) -> bool:
+    """Return whether values (n,) are the levels of a pulse signal, 0 or 1, for several rows each.
+
+    Of pulses that are counted in each row ones stand alone, or where there are more than one in two rows, zeros.
+    """
+    if not np.isin(values, (0.0, 1.0)).all():
+        return False
+    runs = np.diff(np.flatnonzero(np.diff(values) != 0.0))
+    longer = np.maximum(runs[:-2], runs[2:])  # of two with the same value: few rows a pulse make runs of 1 and 2
+    shorter = np.minimum(longer[:-1], longer[1:])
+    return shorter.size >= _FEWEST_CHANGES and float(np.median(shorter)) >= 2.0
 
 
 def _can_be_of_each_row(table: SourceTable, section: dict[str, Any], values: np.ndarray) -> bool:
@@ -120,7 +188,7 @@ def _diameter(ask: Ask) -> float:
 def _speed(proposal: Proposal, table: SourceTable, name: str, ask: Ask) -> dict[str, Any]:
     """Return the keys of a speed, or of turns of the wheel."""
     section: dict[str, Any] = {"kind": "speed"}
-    stated = table.units.get(name) or parts_of(name).unit or name.rpartition(" ")[2]
+    stated = _stated_unit(table, name)
     if factor_of(stated, "angular rate") is not None:
         section |= {"unit": stated, "wheel_diameter_m": _diameter(ask)}
     else:
