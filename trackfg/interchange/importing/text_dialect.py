@@ -28,13 +28,23 @@ _BLANKS = "blanks"
 """The delimiter of columns that are aligned by any number of blanks."""
 
 _NUMBER = re.compile(
-    r"[+-]?(\d+([.,]\d*)?|[.,]\d+|\d{1,3}([.,'\u2019\u00a0\u202f ])\d{3}(\3\d{3})*([.,]\d*)?)([eEdD][+-]?\d+)?$"
+    r"[+\-\u2212]?(\d+([.,]\d*)?|[.,]\d+|\d{1,3}([.,'\u2019\u00a0\u202f ])\d{3}(\3\d{3})*([.,]\d*)?)([eEdD][+-]?\d+)?$"
 )
-"""Its digits may be in groups of three."""
-_DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?$")
-_DECIMAL_POINT = re.compile(r"[+-]?\d*\.\d+([eE][+-]?\d+)?$")
-_TEMPORAL = re.compile(r"\d{1,4}[-./:]\d{1,2}([-./:T ]\d{1,4}[^,;|\t]*(,\d+[^,;|\t]*)?)?$")
-"""A date, a time of day or both. It has at most one comma, before decimals; other signs and words begin a new cell."""
+"""Its digits may be in groups of three, and its sign that of typesetters, as Swedish and other locales write it."""
+_DECIMAL_COMMA = re.compile(r"[+\-\u2212]?\d*,\d+([eE][+-]?\d+)?$")
+_DECIMAL_POINT = re.compile(r"[+\-\u2212]?\d*\.\d+([eE][+-]?\d+)?$")
+_GROUPS = re.compile(r"[+\-\u2212]?[1-9]\d{0,2}(\.\d{3})+$")
+"""Digits in groups of three with points between, or a number with three decimals."""
+_TIME_COMMA = re.compile(r"\d:\d{2},\d+$")
+_OPEN_CELL = re.compile(r'(^|[;,\t|])\s*"[^"]*$')
+"""A line that ends within a cell."""
+_MOST_LINES = 100
+"""Lines of a header with line breaks in its names."""
+_TEMPORAL = re.compile(r"(-?\d+ days?,? \+?)?\d{1,4}[-./:]\d{1,2}([-./:T ]\d{1,4}[^,;|\t]*(,\d+[^,;|\t]*)?)?$")
+"""A date, a time of day, both, or a number of days and a time.
+
+It has at most one comma, before decimals; other signs and words begin a new cell.
+"""
 _WORD = re.compile(r"[^\W\d_]{3}")
 _FIRST_OF_ARRAY = "[0]"
 """What the name of an array's first column ends in: numbers in brackets are then no units."""
@@ -121,6 +131,7 @@ def _guessed(path: Path, options: DialectOptions) -> Dialect:
         lines = lines[:-1]  # it may be cut off
     if not any(line.strip() for line in lines):
         raise NoRowsError(f"{path.name}: the file is empty; expected a table")
+    lines = _with_whole_header(lines)
     delimiter = options.delimiter or _delimiter(lines)
     rows = [cells(line, delimiter) for line in lines]
     width = _usual_width(rows)
@@ -138,6 +149,20 @@ def _guessed(path: Path, options: DialectOptions) -> Dialect:
     names, units = header_of(rows, first, width, options.header_row)
     decimal = options.decimal or _decimal(rows[first:])
     return Dialect(encoding, delimiter, decimal, first + 1, names, units, "\n".join(lines[:first]))
+
+
+def _with_whole_header(lines: list[str]) -> list[str]:
+    """Return lines with the first one of which a cell goes on in the next lines, as names do, in the last of these."""
+    first = next((i for i, line in enumerate(lines[:_MOST_LINES]) if _OPEN_CELL.search(line)), None)
+    if first is None:
+        return lines
+    quotes = 0
+    for last, line in enumerate(lines[first : first + _MOST_LINES], start=first):
+        quotes += line.count('"')
+        if quotes % 2 == 0:
+            whole = " ".join(lines[first : last + 1])
+            return [*lines[:first], *[""] * (last - first), whole, *lines[last + 1 :]]
+    return lines
 
 
 def cells(line: str, delimiter: str) -> list[str]:
@@ -360,8 +385,12 @@ def _is_unit(cell: str) -> bool:
 
 
 def _decimal(rows: list[list[str]]) -> str:
-    commas = points = 0
+    """Return the decimal sign. Where points may be between groups of digits, decimal commas of times decide."""
+    commas = points = groups = times = 0
     for row in rows[:500]:
         commas += sum(bool(_DECIMAL_COMMA.match(cell)) for cell in row)
         points += sum(bool(_DECIMAL_POINT.match(cell)) for cell in row)
-    return "," if commas > points else "."  # with commas between cells, too, as of cells in quotation marks
+        groups += sum(bool(_GROUPS.match(cell)) for cell in row)
+        times += sum(bool(_TIME_COMMA.search(cell)) for cell in row)
+    grouped = times > 0 and groups >= points > 0
+    return "," if commas > points or grouped else "."  # with commas between cells, too, as of cells in quotation marks

@@ -92,16 +92,23 @@ def _is_summed_up(frame: pd.DataFrame) -> bool:
 
 
 def _has_names_again(frame: pd.DataFrame, dialect: Dialect) -> bool:
-    """Return whether a cell of the first column is one of those above the data, as where a logger has started anew."""
-    if frame.empty or not pd.api.types.is_string_dtype(frame.iloc[:, 0]):
-        return False
-    return bool(frame.iloc[:, 0].isin([row[0] for row in _rows_above(dialect)]).any())
+    """Return whether a cell below a name is that name, as where a logger has started anew."""
+    for row in _rows_above(dialect):
+        at = _first_filled(row)
+        if pd.api.types.is_string_dtype(frame.iloc[:, at]) and (frame.iloc[:, at] == row[at]).any():
+            return True
+    return False
 
 
 def _rows_above(dialect: Dialect) -> list[list[str]]:
     """Return the rows of names and units above the data."""
     rows = (cells(line, dialect.delimiter) for line in dialect.remarks.splitlines())
-    return [row for row in rows if len(row) == len(dialect.names)]
+    return [row for row in rows if len(row) == len(dialect.names) and any(row)]
+
+
+def _first_filled(row: list[str]) -> int:
+    """Return the place of the first cell that is not empty: a row of names may begin with an empty one."""
+    return next(i for i, cell in enumerate(row) if cell)
 
 
 def _rows_of_data(path: Path, dialect: Dialect) -> tuple[bytes | None, tuple[str, ...]]:
@@ -141,7 +148,7 @@ def _rows_of_data(path: Path, dialect: Dialect) -> tuple[bytes | None, tuple[str
 
 def _has_names(lines: list[str], names: list[list[str]], delimiter: str) -> bool:
     """Return whether a line begins as one of the rows of names does: to part all lines into cells takes long."""
-    beginnings = tuple({row[0] for row in names if row[0]})
+    beginnings = tuple({(delimiter * _first_filled(row)) + row[_first_filled(row)] for row in names})
     return bool(beginnings) and any(line.lstrip(' "\ufeff').startswith(beginnings) for line in lines)
 
 
@@ -159,11 +166,12 @@ def _as_frame(table: pa.Table, decimal: str) -> pd.DataFrame:
 def _ungrouped(column: pa.ChunkedArray, decimal: str) -> pa.ChunkedArray:
     """Return a column as numbers where all its cells are, some with digits in groups of three: ``1.234,5``.
 
-    Cells that are empty but for blanks, which Arrow takes for text, are none.
+    Their minus may be that of typesetters. Cells that are empty but for blanks, which Arrow takes for text, are none.
     """
     trimmed = pa.compute.utf8_trim_whitespace(column)
     empty = pa.compute.is_in(trimmed, value_set=pa.array(EMPTY_CELLS))
     column, trimmed = (pa.compute.if_else(empty, None, cells) for cells in (column, trimmed))
+    trimmed = pa.compute.replace_substring(trimmed, "\u2212", "-")
     signs = "['\u2019\u00a0\u202f " + ("." if decimal == "," else ",") + "]"
     number = rf"^[+-]?(\d{{1,3}}({signs}\d{{3}})+|\d+)([{decimal}]\d*)?([eE][+-]?\d+)?$"
     for part in (trimmed.slice(0, 100), trimmed):

@@ -88,6 +88,10 @@ _PERIODS_S = (604_800.0, 86_400.0)
 """Times that start again: those of the week of GPS, and of the day, s."""
 
 _CLOCK_FORMATS = ("%H:%M:%S.%f", "%H:%M:%S")
+_WHOLE_SECONDS = re.compile(r"(?<=\d:\d{2}:\d{2})(?=$| ?[AaPp][Mm]$)")
+"""The end of a time without decimals."""
+_DURATION = r"(?:(-?\d+) days?[,.]? ?)?\+?(\d{1,2}):(\d{2}):(\d{2}(?:\.\d+)?)"
+"""A time since a zero of its own, as pandas and Python write it: ``0 days 00:00:00.005``."""
 _COLON_BEFORE_MS = re.compile(r"(\d:\d{2}:\d{2}):(\d{3})$")
 _LEAST_RANGE = 256
 """That of a counter of 8 bit: what starts again after less may as well be a vehicle that turns round."""
@@ -436,8 +440,11 @@ def _textual(text: pd.Series, notation: TimeNotation, label: str, first_row: int
         text, ahead_ns = _without_zones(text)
     else:
         ahead_ns = None
+    text = _with_decimals(text)
     if notation.format is None and text.iloc[:100].str.fullmatch(_OF_AN_HOUR).all():
         return _of_the_hour(text, label, first_row)
+    if notation.format is None and are_durations(text.iloc[:100]):
+        return _durations(text, label, first_row)
     clock = notation.format is None and text.iloc[:100].str.fullmatch(r"\d{1,2}:\d{2}(:\d{2}(\.\d+)?)?").all()
     formats = (notation.format,) if notation.format else _CLOCK_FORMATS if clock else _DATE_FORMATS
     parsed, notes = None, tuple[str, ...]()
@@ -461,6 +468,30 @@ def _textual(text: pd.Series, notation: TimeNotation, label: str, first_row: int
         return Times(parsed.astype("datetime64[ns]").astype(np.int64).to_numpy(), None, notes=notes)
     ns = parsed.astype("datetime64[ns]").astype(np.int64).to_numpy()
     return Times(_as_utc(ns, notation.zone, label) if ahead_ns is None else ns - ahead_ns, None, notes=notes)
+
+
+def _with_decimals(text: pd.Series) -> pd.Series:
+    """Return times (n,) of which either none or all have decimals: some programs leave them out where they are zero."""
+    whole = text.str.contains(_WHOLE_SECONDS).to_numpy(dtype=bool)
+    return text.str.replace(_WHOLE_SECONDS, ".0", regex=True) if whole.any() and not whole.all() else text
+
+
+def are_durations(text: pd.Series) -> bool:
+    """Return whether all cells (n,) of text are durations, some of them with their days."""
+    return bool(text.str.fullmatch(_DURATION).all() and text.str.contains("day", regex=False).any())
+
+
+def _durations(text: pd.Series, label: str, first_row: int) -> Times:
+    """Return times (n,) since a zero of their own."""
+    parts = text.str.extract(f"^{_DURATION}$")
+    days, hours, minutes, seconds = (part.astype("Float64") for _, part in parts.items())
+    seconds += 60.0 * minutes + _HOUR_S * hours + _DAY_S * days.fillna(0.0)
+    if unread := _first(seconds.isna().to_numpy(dtype=bool)):
+        cell = printable(str(text.iloc[unread - 1]))[:40]
+        raise BadInputError(
+            f"{label}, row {first_row + unread - 1}: {cell!r} is no time; expected one as 0 days 00:00:12.005"
+        )
+    return Times(None, seconds.to_numpy(dtype=np.float64))
 
 
 def _of_the_hour(text: pd.Series, label: str, first_row: int) -> Times:
@@ -547,10 +578,12 @@ def _parsed(text: pd.Series, form: str) -> pd.Series | None:
 
 
 def are_dates(column: pd.Series) -> bool:
-    """Return whether the first cells of a text column are dates with a time of day, in their sequence."""
+    """Return whether the first cells of a text column are dates with a time of day, in their sequence, or durations."""
     text = column.dropna().iloc[:_FIRST_CELLS].astype("string").str.strip()
     if not len(text) or not text.str.contains(":", regex=False).all():
         return False
+    if are_durations(text):
+        return True
     dates = next((dates for form in _DATE_FORMATS if (dates := _parsed(text, form)) is not None), None)
     return dates is not None and bool(dates.is_monotonic_increasing)
 

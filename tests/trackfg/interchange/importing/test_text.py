@@ -76,6 +76,67 @@ def test_units_are_taken_from_brackets_or_from_a_row_of_their_own(tmp_path):
         assert table.frame["Drehrate x"].tolist() == [1.5, 1.6]
 
 
+@pytest.mark.parametrize(
+    ("clock", "cells", "values"),
+    [
+        ("03:12:00,{:03d}", ["998.998", "999.123", "1.000.004"], [998998.0, 999123.0, 1000004.0]),
+        ("03:12:00,{:03d}", ["998.998", "999.123", "1000.004"], [998.998, 999.123, 1000.004]),
+        ("03:12:00.{:03d}", ["998.998", "999.123", "999.700"], [998.998, 999.123, 999.7]),
+        ("03:12:00,{:03d}", ["0.998", "1.123", "1.700"], [0.998, 1.123, 1.7]),
+    ],
+)
+def test_a_decimal_comma_of_the_time_makes_points_those_of_groups(tmp_path, clock, cells, values):
+    """Where all numbers of a table may be either, as a count of pulses in a file of its own."""
+    rows = [f"01.05.2026 {clock.format(i)};{cell}" for i, cell in enumerate(cells)]
+
+    table = read_text(_write(tmp_path, "\n".join(["Zeit;Impulse", *rows]) + "\n"))
+
+    assert table.frame["Impulse"].tolist() == values
+
+
+@pytest.mark.parametrize(("delimiter", "decimal"), [(";", ","), ("\t", "."), (",", ".")])
+def test_a_minus_of_typesetters_is_one(tmp_path, delimiter, decimal):
+    rows = [delimiter.join((f"0.0{i}", f"\u22120.5{i}", f"\u22121{i}")).replace(".", decimal) for i in range(9)]
+
+    table = read_text(_write(tmp_path, "\n".join([delimiter.join("txn"), *rows]) + "\n"))
+
+    assert table.frame["x"].tolist() == [-float(f"0.5{i}") for i in range(9)]
+    assert table.frame["n"].tolist() == [-10 - i for i in range(9)]
+
+
+def test_names_may_have_line_breaks(tmp_path):
+    """As cells of a spreadsheet have them."""
+    text = 'Crew: A\n"Time\n[s]","Gyro X\n[deg/s]",Count\n' + "".join(f"{i},{i}.5,{7 * i}\n" for i in range(9))
+
+    table = read_text(_write(tmp_path, text))
+
+    assert table.columns == ["Time", "Gyro X", "Count"]
+    assert table.units == {"Time": "s", "Gyro X": "deg/s"}
+    assert table.first_row == 5
+    assert table.frame["Count"].tolist() == [7 * i for i in range(9)]
+
+
+def test_a_mark_of_inches_above_a_table_opens_no_cell(tmp_path):
+    table = read_text(_write(tmp_path, 'wheel; 36"\ncrew; "A\nt;x\n' + "".join(f"{i};{i}.5\n" for i in range(9))))
+
+    assert table.columns == ["t", "x"]
+    assert len(table.frame) == 9
+
+
+def test_names_that_come_again_may_begin_with_an_empty_one(tmp_path):
+    """InfluxDB writes its header above each series."""
+    head = "#datatype,string,long,dateTime:RFC3339,double,string\n,result,table,_time,_value,_field\n"
+    parts = [
+        head + "".join(f",,{k},2026-05-01T03:12:0{i}Z,{k + i / 10},{name}\n" for i in range(9)) + "\n"
+        for k, name in enumerate(("gyro_x", "gyro_y"))
+    ]
+
+    table = read_text(_write(tmp_path, "".join(parts)))
+
+    assert table.frame["_value"].tolist() == [k + i / 10 for k in range(2) for i in range(9)]
+    assert table.notes == ("log.csv: 1 row that has the names or units of the columns again: left out",)
+
+
 def test_what_the_mapping_states_is_not_guessed(tmp_path):
     path = _write(tmp_path, "1;2\n3;4\n5;6\n")
 
@@ -158,6 +219,12 @@ def _times(cells: list, **notation: object) -> np.ndarray:
         ["01.05.26 03:12:00,000", "01.05.26 03:12:00,005"],
         ["03:12:00.000", "03:12:00.005"],
         ["03:12:00:000", "03:12:00:005"],
+        ["03:12:00", "03:12:00.005"],
+        ["01.05.2026 03:12:00", "01.05.2026 03:12:00.005"],
+        ["5/1/2026 3:12:00 AM", "5/1/2026 3:12:00.005 AM"],
+        ["0 days 00:00:00", "0 days 00:00:00.005000"],
+        ["-1 days +23:59:59.998000", "0 days 00:00:00.003000"],
+        ["1 day, 2:03:04", "1 day, 2:03:04.005000"],
         ["2026-05-01 03:12:00:000", "2026-05-01 03:12:00:005"],
         [1_777_605_120_000, 1_777_605_120_005],
         [1_777_605_120_000_000_000, 1_777_605_120_005_000_000],
@@ -172,6 +239,12 @@ def _times(cells: list, **notation: object) -> np.ndarray:
         "years of two digits",
         "time of day",
         "colon before ms",
+        "time of day, whole seconds without decimals",
+        "German, whole seconds without decimals",
+        "AM and PM, whole seconds without decimals",
+        "durations of pandas",
+        "durations of pandas that begin before zero",
+        "durations of Python",
         "ISO with a colon before ms",
         "Unix ms",
         "Unix ns",

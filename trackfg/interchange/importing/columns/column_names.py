@@ -39,7 +39,10 @@ _PATTERNS = {
         r"delta.?(theta|ang)|角速度|陀螺"
     ),
     "accel": r"acc(?!ur)|g.?force|beschl|acel|specific.?force|dvel|delta.?v|加速度|^load.?factor",
-    "speed": r"speed|geschw|veloc|vitesse|twist.*linear\.x|^v$|^v[\s_\[(]|kmh|km/h|nopeus|速度|车速|^vel$",
+    "speed": (
+        r"speed|geschw|veloc|vitesse|twist.*linear\.x|^v$|^v[\s_\[(]|kmh|km/h|nopeus|速度|车速|^vel$|"
+        r"hastighe[td]|snelheid|rychlost|pr[eę]dko[sś][cć]"
+    ),
     "count": (
         r"pulse|impuls|^(?!.*(packet|sample|frame|sat|error|message|msg|seq)).*count|"
         r"ticks|in[ck]rement|\benc(oder)?\b|encoder|tacho|zähl"

@@ -17,6 +17,7 @@ from trackfg.interchange.importing.source_table import ROW_NUMBER, SourceTable
 from trackfg.interchange.importing.times import (
     are_clock_digits,
     are_dates,
+    are_durations,
     are_gps_seconds,
     guessed_unit,
     states_zone,
@@ -205,6 +206,8 @@ def states_no_zone(table: SourceTable, time: str | list[str], unit: str | None) 
     if not pd.api.types.is_string_dtype(column):
         return False
     cells = column.dropna()
+    if are_durations(cells.iloc[:1]):
+        return False
     cell = "" if cells.empty else str(cells.iloc[0]).strip()
     is_date = len(columns) == 2 or not re.fullmatch(r"[\d:.,]+", cell)
     return is_date and not states_zone(cell)
