@@ -491,7 +491,7 @@ def _durations(text: pd.Series, label: str, first_row: int) -> Times:
         raise BadInputError(
             f"{label}, row {first_row + unread - 1}: {cell!r} is no time; expected one as 0 days 00:00:12.005"
         )
-    return Times(None, seconds.to_numpy(dtype=np.float64))
+    return Times(None, np.asarray(seconds.to_numpy(dtype=np.float64), dtype=np.float64))
 
 
 def _of_the_hour(text: pd.Series, label: str, first_row: int) -> Times:
