@@ -18,6 +18,7 @@ within the sigma that the smoother takes for it.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -75,19 +76,30 @@ class ClockOffset:
         return Lag(self.offset_s, self.sd_s, self.spread_s, self.correlation).is_sure(_LEAST_OFFSET_S)
 
 
-def estimate_clock_offset(recording: Recording, max_offset_s: float = 20.0) -> ClockOffset | None:
-    """The offset between tach and IMU, or None where the recording does not show it.
+class Likeness(NamedTuple):
+    """The ``correlation`` of two signals, 0 or more, and how many of their values are ``independent``."""
 
-    That is without tach, shorter than 20 s, without acceleration, with a correlation below 0.4, or with the best offset
-    at the end of the range +-``max_offset_s`` (at most half of the recording).
+    correlation: float
+    independent: float
+
+
+NOT_ALIKE = Likeness(0.0, 0.0)
+
+
+def estimate_clock_offset(recording: Recording, max_offset_s: float = 20.0) -> ClockOffset | None:
+    """Return the :func:`clock_offset` of a recording; None without a tach."""
+    return None if recording.tach is None else clock_offset(recording.imu, recording.tach, max_offset_s)
+
+
+def clock_offset(imu: pd.DataFrame, tach: pd.DataFrame, max_offset_s: float = 20.0) -> ClockOffset | None:
+    """The offset between tach and IMU, or None where the rows do not show it.
+
+    That is where they are shorter than 20 s, without acceleration, with a correlation below 0.4, or with the best
+    offset at the end of the range +-``max_offset_s`` (at most half of the time).
     """
-    if recording.tach is None:
+    signals = _Signals.between(imu, tach)
+    if signals is None:
         return None
-    tach_interval = float(np.median(np.diff(recording.tach["t_s"])))
-    motion = averaged(recording.imu, recording.tach, _STEP_S)
-    if motion is None or motion.t_s.size * motion.step_s < _MIN_DURATION_S:
-        return None
-    signals = _Signals.of(motion, max(_SHORT_S, 0.5 * tach_interval, motion.step_s))
     valid = signals.plausible
     estimate = signals.offset(valid, max_offset_s)
     if estimate is None or not estimate.is_sure:
@@ -97,6 +109,21 @@ def estimate_clock_offset(recording: Recording, max_offset_s: float = 20.0) -> C
         not again.is_sure and abs(again.offset_s - estimate.offset_s) > _MADE_BY * estimate.sd_s
     )
     return again if by_slips else estimate
+
+
+def likeness(imu: pd.DataFrame, tach: pd.DataFrame, offset: ClockOffset, within_s: float) -> Likeness:
+    """Return how alike the accelerations of tach and IMU are, to ``within_s`` of an offset that another part of the
+    recording shows.
+    """
+    signals = _Signals.between(imu, tach)
+    acceleration = None if signals is None else signals.acceleration(signals.plausible)
+    if signals is None or acceleration is None:
+        return NOT_ALIKE
+    step_s = signals.motion.step_s
+    lags, correlation = lagged_correlation(acceleration, signals.force, (abs(offset.offset_s) + within_s) / step_s)
+    near = np.abs(lags * step_s - offset.offset_s) <= within_s
+    alike = float(np.max(np.sign(offset.correlation) * correlation[near], initial=0.0))
+    return Likeness(alike, np.count_nonzero(acceleration) * step_s / _LONG_S)
 
 
 @dataclass(frozen=True)
@@ -111,7 +138,12 @@ class _Signals:
     force: Array
 
     @classmethod
-    def of(cls, motion: Motion, short_s: float) -> _Signals:
+    def between(cls, imu: pd.DataFrame, tach: pd.DataFrame) -> _Signals | None:
+        """Return the signals of both tables; None where they share less than 20 s."""
+        motion = averaged(imu, tach, _STEP_S)
+        if motion is None or motion.t_s.size * motion.step_s < _MIN_DURATION_S:
+            return None
+        short_s = max(_SHORT_S, 0.5 * float(np.median(np.diff(tach["t_s"]))), motion.step_s)
         force = band_passed(motion.accel[:, 0], motion.valid, motion.step_s, short_s, _LONG_S)
         return cls(motion, short_s, tach_acceleration(motion), force)
 
@@ -124,12 +156,17 @@ class _Signals:
     def in_band(self, values: Array, valid: np.ndarray) -> Array:
         return band_passed(values, valid, self.motion.step_s, self.short_s, _LONG_S)
 
+    def acceleration(self, valid: np.ndarray) -> Array | None:
+        """Return the tach's acceleration in the ``valid`` (n,) intervals in the band, (n,); None if there is little."""
+        acceleration = self.in_band(self.speed_change, valid)
+        return acceleration if np.sqrt(np.mean(acceleration**2)) >= _MIN_ACCELERATION else None
+
     def offset(self, valid: np.ndarray, max_offset_s: float) -> ClockOffset | None:
         """Return the offset that the ``valid`` (n,) intervals of the tach show."""
-        acceleration, step_s = self.in_band(self.speed_change, valid), self.motion.step_s
-        if np.sqrt(np.mean(acceleration**2)) < _MIN_ACCELERATION:
+        acceleration = self.acceleration(valid)
+        if acceleration is None:
             return None
-        lag = best_lag(acceleration, self.force, step_s, _LONG_S, max_offset_s, _MIN_CORRELATION)
+        lag = best_lag(acceleration, self.force, self.motion.step_s, _LONG_S, max_offset_s, _MIN_CORRELATION)
         if lag is None:
             return None
         moved_s, wider = self._beside_creep(acceleration, valid, lag.lag_s)

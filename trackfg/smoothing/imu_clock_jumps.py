@@ -15,6 +15,7 @@ from typing import NamedTuple
 import numpy as np
 import pandas as pd
 
+from trackfg.checks.clock_change import APART_S, LEAST_S, SIDE_S, SIGMAS
 from trackfg.checks.diagnosis_clock import ClockOffset, estimate_clock_offset
 from trackfg.config import SmoothConfig
 from trackfg.errors import TrackfgError
@@ -25,18 +26,8 @@ from trackfg.recording.findings import Finding
 from trackfg.recording.model import Recording
 from trackfg.solver.gauss_newton import solve
 
-_LEAST_S = 0.5
-"""Shorter holes are not looked into, s: the offset of two clocks shows to some tenths of a second."""
 _MOST = 20
 """So many holes, the longest ones: a record with more has gaps, not a clock that is set."""
-_SIDE_S = 300.0
-"""So much of the record on either side of a hole is compared, s."""
-_SIGMAS = 4.0
-"""Agreement, in sigmas of the change of the offset."""
-_APART_S = 0.15
-"""The same, s: what the offset wanders within minutes, and what its sigma leaves out."""
-
-
 _AROUND_S = 120.0
 """So much of the record on either side of a hole is smoothed, s."""
 
@@ -59,7 +50,7 @@ def imu_clock_jumps(recording: Recording, config: SmoothConfig) -> tuple[ImuCloc
     t = recording.imu["t_s"].to_numpy()
     interval, steps = median_interval(t), np.diff(t)
     longest = np.argsort(-steps, kind="stable")[:_MOST]
-    holes = np.sort(longest[steps[longest] > interval + _LEAST_S])
+    holes = np.sort(longest[steps[longest] > interval + LEAST_S])
     edges = np.concatenate([[-1], holes, [len(t) - 1]])
     jumps, clock = [], t.copy()
     for first, i, last in zip(edges[:-2] + 1, edges[1:-1], edges[2:], strict=True):
@@ -68,8 +59,8 @@ def imu_clock_jumps(recording: Recording, config: SmoothConfig) -> tuple[ImuCloc
         if recording.tach is None:
             was_set = _explains_better(recording, imu, i, by, config)
         else:
-            first = max(first, np.searchsorted(clock, clock[i] - _SIDE_S))
-            last = min(last, np.searchsorted(clock, clock[i + 1] + _SIDE_S, side="right") - 1)
+            first = max(first, np.searchsorted(clock, clock[i] - SIDE_S))
+            last = min(last, np.searchsorted(clock, clock[i + 1] + SIDE_S, side="right") - 1)
             earlier, later = imu.iloc[first : i + 1], imu.iloc[i + 1 : last + 1]
             was_set = _changes_by(by, _offset(recording, earlier, 0.0), _offset(recording, later, by))
         if was_set:
@@ -105,7 +96,7 @@ def _changes_by(by: float, earlier: ClockOffset | None, later: ClockOffset | Non
     """Return whether the offset changes by as much as the hole, and not by nothing."""
     if earlier is None or later is None:
         return False
-    allowed = max(_SIGMAS * float(np.hypot(earlier.sd_s, later.sd_s)), _APART_S)
+    allowed = max(SIGMAS * float(np.hypot(earlier.sd_s, later.sd_s)), APART_S)
     change = later.offset_s - earlier.offset_s
     return abs(change - by) < allowed < 0.5 * by
 

@@ -1,7 +1,7 @@
 """The intake turns batches as a source gives them into sound, canonical rows in the order of time, and events.
 
     timestamps -> interval check -> reorder buffer -> repeated and interpolated rows and faults of the IMU -> conversion
-        -> gravity, row checks, held rows, rates, speeds -> clock jumps
+        -> gravity, row checks, held rows, rates, speeds -> clock jumps -> jumps of the IMU's clock alone
 
 :meth:`Intake.state` is everything that carries over from one batch to the next: an intake restored from it and given
 the batches that followed gives the same rows and events, bit by bit, as one that was never interrupted.
@@ -27,6 +27,7 @@ from trackfg.streaming.intake.conversion import Conversion
 from trackfg.streaming.intake.gravity_check import GravityCheck
 from trackfg.streaming.intake.held_rows import HeldRows
 from trackfg.streaming.intake.imu_clock import ClockLimits
+from trackfg.streaming.intake.imu_clock_jumps import ImuClockJumps
 from trackfg.streaming.intake.interval_check import IntervalCheck
 from trackfg.streaming.intake.rate_check import RateCheck
 from trackfg.streaming.intake.reorder_buffer import ReorderBuffer
@@ -59,6 +60,7 @@ class Intake:
     row_checks: RowChecks
     held_rows: HeldRows
     clock_jumps: ClockJumps
+    imu_clock_jumps: ImuClockJumps | None
     gnss_origin: Array | None
     report: LossReport = field(default_factory=LossReport)
     rows_in: int = 0
@@ -91,6 +93,7 @@ class Intake:
             row_checks=RowChecks.of(description, checks),
             held_rows=HeldRows(),
             clock_jumps=ClockJumps.of(description),
+            imu_clock_jumps=None if description.tach is None else ImuClockJumps(),
             gnss_origin=gnss_origin,
         )
 
@@ -148,6 +151,8 @@ class Intake:
         self, rows: Rows, events: tuple[Event, ...], *, last: bool = False
     ) -> tuple[Rows, tuple[Event, ...]]:
         rows, events = self.clock_jumps.without_jumps(rows, events, last=last)
+        if self.imu_clock_jumps is not None:
+            events += self.imu_clock_jumps.take(rows, last=last)
         self.rows_out += len(rows)
         return replace(rows, breaks=motion_breaks(events)), events
 

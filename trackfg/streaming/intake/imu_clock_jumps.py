@@ -1,0 +1,180 @@
+"""The IMU's clock alone was set ahead, or rows of it are missing: the tach shows which, once the vehicle accelerates.
+
+Where all clocks were set, :mod:`trackfg.streaming.intake.clock_jumps` finds it out at once. Where the IMU's alone was,
+its stamps have a hole like that of missing rows, and the rows of all other tables are late from then on. As in a batch
+(:mod:`trackfg.checks.clock_change`) the offset between the accelerations that IMU and tach show is compared on either
+side of the hole: over a gap it stays the same, and it changes by as much as the clock was set. The rows that follow
+are looked at every ``LOOK_S``, until they show it, there are ``SIDE_S`` of them, or another hole comes.
+
+For that, rows are averaged over cells of ``CELL_S``, some seconds of them at a time. How they are grouped in batches
+makes no difference.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+import pandas as pd
+
+from trackfg.checks.clock_change import LEAST_S, SIDE_S, offset_before, was_set
+from trackfg.checks.diagnosis_clock import ClockOffset
+from trackfg.numerics.arrays import Array
+from trackfg.numerics.spans import median_interval
+from trackfg.recording.model import IMU_COLUMNS, TACH_COLUMNS
+from trackfg.results.events import DOUBT, Event
+from trackfg.streaming.rows import Rows, no_rows
+from trackfg.streaming.window.growable_array import GrowableArray
+
+CELL_S = 0.05
+"""Length of a cell, s: an eighth of the shortest average of accelerations that are compared."""
+LOOK_S = 30.0
+"""Time between looks at the rows after a hole, s: three stretches of accelerations that are independent of each other
+(:func:`~trackfg.checks.diagnosis_clock.best_lag` needs as many).
+"""
+_TOGETHER_S = 5.0
+"""Rows of so long are averaged together, s: batches of a live feed are a fiftieth of it."""
+_NEWEST = 10
+"""The sampling interval is that of so many samples."""
+_MARGIN_S = 4.0
+"""Rows of the tach so much before those of the IMU are used, s."""
+_QUANTITIES = "chainage, position, speed, roll, pitch, cross_level, twist, level, alignment, gradient, curvature"
+_ADVICE = "set its stamps back from there on, or smooth the recording, which sets them back"
+
+
+class Hole(NamedTuple):
+    """A hole in the stamps of the IMU after ``begin_s``, s, on its clock before it: ``by_s`` is missing, or its clock
+    was set by that. ``before``: the offset of the clocks before; ``look_s``: the time of the next look.
+    """
+
+    begin_s: float
+    by_s: float
+    before: ClockOffset
+    look_s: float
+
+
+@dataclass
+class ImuClockJumps:
+    """Keeps averages of the last minutes. Times of the IMU are less ``ahead_s``, by which its clock was set in all.
+
+    ``waiting``: rows of IMU and tach that wait for others; ``samples``: means since the last hole, as rows of the
+    table; ``cell``: the rows of the cell that is not complete; ``tach``: the first row of each cell; ``newest``: the
+    times of the newest samples, as they came. ``hole``: the one that is looked into.
+    """
+
+    waiting: list[tuple[Array, Array]] = field(default_factory=list)
+    samples: GrowableArray = field(default_factory=lambda: GrowableArray(no_rows("imu")))
+    cell: Array = field(default_factory=lambda: no_rows("imu"))
+    tach: GrowableArray = field(default_factory=lambda: GrowableArray(no_rows("tach")))
+    newest: Array = field(default_factory=lambda: np.empty(0))
+    hole: Hole | None = None
+    ahead_s: float = 0.0
+
+    def take(self, rows: Rows, *, last: bool = False) -> tuple[Event, ...]:
+        """Take the next rows; return an event for each jump that they show. ``last``: no others come."""
+        self.waiting.append((rows.imu, rows.tach))
+        since_s = self.newest[-1] if len(self.newest) else -np.inf
+        if not last and not (len(rows.imu) and rows.imu[-1, 0] > since_s + _TOGETHER_S):
+            return ()
+        imu, tach = map(np.concatenate, zip(*self.waiting, strict=True))
+        self.waiting = []
+        return tuple(self._compare(imu, tach, last=last))
+
+    def _compare(self, imu: Array, tach: Array, *, last: bool) -> list[Event]:
+        """Compare the tables where a hole comes and where it is time to."""
+        self._keep_tach(tach)
+        events: list[Event] = []
+        t = imu[:, 0]
+        steps = np.diff(t, prepend=self.newest[-1:] if len(self.newest) else t[:1])
+        first = 0
+        for i in np.flatnonzero(steps > LEAST_S).tolist():
+            events += self._extend(imu[first:i])
+            events += self._begin_after(float(steps[i]))
+            first = i
+        events += self._extend(imu[first:])
+        if last:
+            events += self._look(np.inf)
+        self._forget()
+        return events
+
+    def _keep_tach(self, rows: Array) -> None:
+        if len(rows):
+            newest = float(_cell(self.tach.rows[-1, 0])) if len(self.tach.rows) else -np.inf
+            self.tach.append(rows[np.diff(_cell(rows[:, 0]), prepend=newest) != 0.0])
+
+    def _extend(self, rows: Array) -> list[Event]:
+        """Take samples that follow each other; look into the hole before them where it is time to."""
+        if not len(rows):
+            return []
+        self.newest = np.concatenate([self.newest, rows[:, 0]])[-_NEWEST:]
+        rows = np.concatenate([self.cell, _earlier(rows, self.ahead_s)])
+        first = np.flatnonzero(np.diff(_cell(rows[:, 0]), prepend=-np.inf))
+        if len(first) > 1:
+            sums = np.add.reduceat(rows[: first[-1]], first[:-1], axis=0)
+            self.samples.append(sums / np.diff(first)[:, None])
+        self.cell = rows[first[-1] :].copy()
+        events: list[Event] = []
+        while self.hole is not None and self.cell[0, 0] >= self.hole.look_s:
+            events += self._look(self.hole.look_s)
+        return events
+
+    def _begin_after(self, step_s: float) -> list[Event]:
+        """Begin anew after the newest sample, which a hole follows: the next one is ``step_s`` later."""
+        by_s = step_s - (median_interval(self.newest) if len(self.newest) > 1 else 0.0)
+        if by_s <= LEAST_S:
+            return []
+        events = self._look(np.inf)
+        begin_s = float(self.newest[-1]) - self.ahead_s
+        offset = offset_before(*self._tables(begin_s - SIDE_S, begin_s))
+        self.hole = None if offset is None else Hole(begin_s, by_s, offset, begin_s + step_s + LOOK_S)
+        self.samples, self.cell = GrowableArray(no_rows("imu")), no_rows("imu")
+        return events
+
+    def _look(self, until_s: float) -> list[Event]:
+        """Look whether the rows up to ``until_s``, s, show that the clock was set over the hole."""
+        if self.hole is None:
+            return []
+        hole, until_s = self.hole, min(until_s, float(self.newest[-1]) - self.ahead_s)
+        is_jump = was_set(*self._tables(hole.begin_s, until_s), hole.before, hole.by_s)
+        is_last = until_s >= hole.begin_s + hole.by_s + SIDE_S
+        self.hole = None if is_jump or is_last else hole._replace(look_s=hole.look_s + LOOK_S)
+        if not is_jump:
+            return []
+        span_s = hole.begin_s + self.ahead_s, until_s + self.ahead_s
+        self.ahead_s += hole.by_s
+        self.samples.rows[:, 0] -= hole.by_s
+        self.cell[:, 0] -= hole.by_s
+        what = f"the IMU's clock jumped ahead by {hole.by_s:.2f} s against that of the tachometer"
+        return [Event(DOUBT, "imu", *span_s, 0, f"{_QUANTITIES}: {what}: {_ADVICE}")]
+
+    def _tables(self, begin_s: float, until_s: float) -> tuple[pd.DataFrame, pd.DataFrame]:
+        """Return the rows of the IMU between two times, s, and those of the tach up to the later one."""
+        samples, tach = self.samples.rows, self.tach.rows
+        samples = samples[(samples[:, 0] > begin_s) & (_cell(samples[:, 0]) < _cell(np.array(until_s)))]
+        tach = tach[tach[:, 0] <= until_s]
+        return pd.DataFrame(samples, columns=list(IMU_COLUMNS)), pd.DataFrame(tach, columns=list(TACH_COLUMNS))
+
+    def _forget(self) -> None:
+        """Drop what is older than needed, now and then."""
+        now_s = float(self.newest[-1]) - self.ahead_s if len(self.newest) else -np.inf
+        since_s = now_s - SIDE_S if self.hole is None else self.hole.begin_s
+        self.samples = _since(self.samples, since_s)
+        self.tach = _since(self.tach, since_s - _MARGIN_S)
+
+
+def _cell(t: Array) -> Array:
+    """Return the number of the cell in which times are."""
+    return np.asarray(np.floor(t / CELL_S))
+
+
+def _earlier(rows: Array, by_s: float) -> Array:
+    return np.column_stack([rows[:, 0] - by_s, rows[:, 1:]]) if by_s else rows
+
+
+def _since(table: GrowableArray, since_s: float) -> GrowableArray:
+    """Return a table without rows before ``since_s``, s, once there is as much of these as is kept."""
+    rows = table.rows
+    if not len(rows) or rows[0, 0] > since_s - SIDE_S:
+        return table
+    return GrowableArray(rows[np.searchsorted(rows[:, 0], since_s) :])
