@@ -249,7 +249,9 @@ class ImuClock:
 
     @property
     def _interval_s(self) -> float:
-        return median_interval(self.recent[:, 0]) if len(self.recent) > 1 else 0.0
+        """The sampling interval, s, 0 while it is not known: between newer rows others may be on their way."""
+        complete = self.recent[: np.searchsorted(self.recent[:, 0], self.newest_s - self.limits.hold_s), 0]
+        return median_interval(complete) if len(complete) > 1 else 0.0
 
     def _settle(self, report: LossReport) -> Array:
         rows = np.concatenate(self.quarantined)
