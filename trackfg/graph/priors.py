@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from trackfg.factors.bias import OF_ACCELEROMETER, OF_GYRO, response_sigmas
+from trackfg.factors.bias import EARTH, OF_ACCELEROMETER, OF_GYRO, response_sigmas
 from trackfg.factors.factor_type import FactorType
 from trackfg.factors.family import Family, changed
 from trackfg.factors.prior import nav_prior, prior
@@ -14,6 +14,7 @@ from trackfg.factors.states import Kind, States
 from trackfg.graph.further_sensors import sensor_priors
 from trackfg.graph.inputs import GraphInputs
 from trackfg.numerics.arrays import Array
+from trackfg.numerics.geodesy import EARTH_RATE
 from trackfg.recording.description import ImuNoise
 from trackfg.sensors.dead_reckoning import InitialPath
 
@@ -139,3 +140,17 @@ def with_free_start(families: tuple[Family, ...]) -> tuple[Family, ...]:
         return family.with_sigma(sigma)
 
     return changed(families, FactorType.PRIOR_ODO, anywhere)
+
+
+def with_turning_earth(families: tuple[Family, ...]) -> tuple[Family, ...]:
+    """Return the families with an Earth that turns, at a latitude and in a direction that are not known.
+
+    The sigma about each horizontal axis is that of the equator, where the most is horizontal.
+    """
+
+    def turning(family: Family) -> Family:
+        sigma = family.sigma.copy()
+        sigma[:, EARTH] = EARTH_RATE / np.sqrt(2.0)
+        return family.with_sigma(sigma)
+
+    return changed(families, FactorType.PRIOR_IMU, turning)

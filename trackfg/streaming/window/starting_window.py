@@ -2,6 +2,9 @@
 
 It begins where something measures the speed: with the first rows of the tach or of GNSS. A tach that begins within a
 window cannot be distinguished from one that stood before, so stretches without its rows are passed over, and reported.
+
+Without a latitude the Earth may turn, and does on every railway. The batch widens that prior where its data contradict
+an Earth that does not (:mod:`trackfg.smoothing.wide_priors`). A stream cannot do so later, so its prior is wide.
 """
 
 from __future__ import annotations
@@ -15,7 +18,7 @@ from trackfg.config import SmoothConfig
 from trackfg.factors.factor_type import FactorType
 from trackfg.graph.build import Problem, build_problem, with_start_at
 from trackfg.graph.inputs import world_of
-from trackfg.graph.priors import with_free_start
+from trackfg.graph.priors import with_free_start, with_turning_earth
 from trackfg.results.events import Event
 from trackfg.sensors.tach import read_wheel
 from trackfg.streaming.window.sample_buffer import AFTER_S, SampleBuffer
@@ -91,6 +94,9 @@ class StartingWindow:
         problem = build_problem(recording, config, buffer.intervals(begin, end), steps=False)
         if (description.fixes is not None or on_map) and problem.family(FactorType.ABSOLUTE_FIX) is None:
             problem = replace(problem, families=with_free_start(problem.families))
+        world = world_of(recording)
+        if not world.earth_rate.any():
+            problem = replace(problem, families=with_turning_earth(problem.families))
         tach = None
         if problem.wheel is not None and recording.tach is not None and description.tach is not None:
             rows = recording.tach.to_numpy()
@@ -98,7 +104,7 @@ class StartingWindow:
             problem = replace(problem, families=tach.with_known_rounding(problem.families))
         if self.distance is not None:
             problem = with_start_at(problem, self.distance.distance_m, self.distance.sd_at(begin))
-        context = StreamContext(description, config, world_of(recording), problem.clock_origin)
+        context = StreamContext(description, config, world, problem.clock_origin)
         return FirstProblem(problem, context, tach, self.without_speed(begin))
 
 

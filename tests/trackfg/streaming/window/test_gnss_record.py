@@ -122,9 +122,15 @@ def run() -> Simulation:
     """A train with GNSS of 2 m."""
     plan = scenario("mainline")
     assert isinstance(plan.driver, Service)
-    driver = replace(plan.driver, start_rest_s=9.0)
-    gnss = GnssModel(sd_m=(2.0, 2.0, 4.0))
-    return simulate(replace(plan, driver=driver, adhesion=None, gnss=gnss, balises=None), seed=3, duration_s=120.0)
+    plan = replace(
+        plan,
+        driver=replace(plan.driver, start_rest_s=9.0),
+        adhesion=None,
+        gnss=GnssModel(sd_m=(2.0, 2.0, 4.0)),
+        latitude_deg=35.2,
+        balises=None,
+    )
+    return simulate(plan, seed=3, duration_s=120.0)
 
 
 def streamed(recording: Recording, *, batch_s: float = 1.0) -> list[Estimates]:
