@@ -669,6 +669,7 @@ _SENSORS = (
             ),
             _one("rests show what comes alone", "density**2 + factor**2 * part", "density**2 + 0.0 * part"),
             _one("stretches before say nothing of their like", "self.sums[i], self.all_sums[i])", "self.sums[i])"),
+            _one("motion passes for noise", '"accel"] > FAR_OFF', '"accel"] > 1e3 * FAR_OFF'),
         ),
     ),
     Part(
@@ -682,7 +683,7 @@ _SENSORS = (
     Part(
         "trackfg/smoothing/doubts/path_doubts.py",
         ("tests/trackfg/smoothing/doubts/test_path_doubts.py",),
-        (_one("a body on springs is as good as a rigid one", "level < _ON_SPRINGS", "level < 1e3 * _ON_SPRINGS"),),
+        (_one("a body on springs is as good as a rigid one", "level < ON_SPRINGS", "level < 1e3 * ON_SPRINGS"),),
     ),
     Part(
         "trackfg/results/widening.py",

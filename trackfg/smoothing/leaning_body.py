@@ -22,7 +22,7 @@ from trackfg.numerics.arrays import Array
 from trackfg.numerics.spans import true_runs
 from trackfg.numerics.units import STANDARD_GRAVITY
 from trackfg.recording.findings import Finding
-from trackfg.results.verdict import Doubt
+from trackfg.results.verdict import Doubt, Quantity
 from trackfg.smoothing.passage import chord_curvature, passage
 from trackfg.smoothing.reassessment import Reassessment, SolvedRun
 
@@ -55,6 +55,9 @@ _SURE_SIGMAS = 4.0
 
 _LEAST = 0.05
 """Bogie frames, on their stiff springs, lean less than this share; what is measured on them is nearly the track's."""
+
+OF_TRACK: tuple[Quantity, ...] = ("cross_level", "twist", "level", "alignment")
+"""What such a sensor shows of the vehicle, and not of the track."""
 
 HINT = "write rigid = false in [imu]: the geometry of the track then needs displacement sensors"
 
@@ -91,7 +94,7 @@ def leaning_body(run: SolvedRun) -> Reassessment:
     angle = lean.share / (1.0 + lean.share) * (x + at.roll)
     factor = float(np.sqrt(1.0 + np.mean(angle**2) / np.mean(at.roll_variance)))
     doubts = (
-        Doubt(("cross_level", "twist", "level", "alignment"), np.inf, message, HINT),
+        Doubt(OF_TRACK, np.inf, message, HINT),
         Doubt(("roll",), factor, message, HINT),
     )
     return Reassessment(run.problem, (Finding("warning", "leaning-body", message, hint=HINT),), doubts)

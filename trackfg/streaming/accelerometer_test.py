@@ -1,7 +1,8 @@
 """A stream tests whether its accelerometer is later than its gyro, as
 :mod:`trackfg.sensors.imu_filters.accelerometer_clock` finds it.
 
-It cannot move samples that it has used, as a batch does before there is a graph: it says what they spoil.
+It cannot move samples that it has used, as a batch does before there is a graph: it says what they spoil. A force that
+is late by d is off by d da/dt, and the speed by d a while the vehicle accelerates with a.
 """
 
 from __future__ import annotations
@@ -24,18 +25,27 @@ from trackfg.sensors.imu_filters.accelerometer_clock import (
     clock_near_start,
 )
 from trackfg.sensors.imu_intervals import Intervals, means_between
+from trackfg.streaming.sigma_test import LEAST_RATIO
 
 
 @dataclass
 class AccelerometerTest:
     """``products`` (starts, b, 5, 5): the sums of the first blocks in motion, with samples moved by each of
-    :data:`~trackfg.sensors.imu_filters.accelerometer_clock.STARTS_S`.
+    :data:`~trackfg.sensors.imu_filters.accelerometer_clock.STARTS_S`. ``rows``: how many rows of the
+    trajectory have come, and ``accelerations`` the sum of their squared accelerations over the variances of the speed,
+    1/s^2.
     """
 
     products: Array = field(default_factory=lambda: np.zeros((len(STARTS_S), 0, SIGNALS, SIGNALS)))
+    rows: int = 0
+    accelerations: float = 0.0
 
     def put(self, samples: Intervals, smoothed: pd.DataFrame) -> None:
         """Take the next samples, and the rows of the trajectory that they led to."""
+        if len(smoothed) > 1:
+            t, speed, sd = smoothed[["t_s", "speed_mps", "speed_mps_sd"]].to_numpy().T
+            self.rows += len(t)
+            self.accelerations += float(np.sum((np.gradient(speed, t) / sd) ** 2))
         edges = np.arange(samples.edges[0], samples.edges[-1], STEP_S) if len(smoothed) else np.zeros(0)
         if len(edges) * STEP_S < 0.5 * BLOCK_S or self.products.shape[1] >= ENOUGH_S / BLOCK_S:
             return
@@ -52,5 +62,7 @@ class AccelerometerTest:
         clock = clock_near_start(self.products)
         if clock is None or not clock.is_sure:
             return ()
-        detail = f"level, alignment: {clock.sentence}: do not trust them, or give both sensors the same filter"
+        wrong_speed = 1.0 + clock.offset_s**2 * self.accelerations / self.rows > LEAST_RATIO**2
+        names = "level, alignment, speed" if wrong_speed else "level, alignment"
+        detail = f"{names}: {clock.sentence}: do not trust them, or give both sensors the same filter"
         return (Event(DOUBT, t_s=until_s, detail=detail),)

@@ -218,15 +218,18 @@ class FixedLagSmoother:
 
     def _doubted(self) -> tuple[Event, ...]:
         """Return what the tests of the sigmas say now of all that has come."""
-        until, running = self._buffer.until, self._moving.running
-        doubts = (*self._sigma_test.events(until), *self._roll_test.events(until), *self._lean_test.events(until))
+        until, running, description = self._buffer.until, self._moving.running, self._buffer.description
+        doubts = self._sigma_test.events(until, positions=description.gnss is not None)
+        doubts += (*self._roll_test.events(until), *self._lean_test.events(until))
         doubts += fix_doubts(self._moving.votes.tested, self._moving.votes.squares, until)
         if running is not None:
             doubts += self._vibration_test.events(until, running.context.conventions)
             doubts += (*self._accelerometer_test.events(until), *self._bandwidth_test.events(until))
             doubts += (*running.noise.events(until), *running.gnss.events(until), *running.gnss_speeds.events(until))
             doubts += running.walk_test.events(until)
-            declared = self._buffer.description.imu.noise.rectification_sd
+            if description.imu.rigid:
+                doubts += running.noise.track_doubts(until)
+            declared = description.imu.noise.rectification_sd
             doubts += prior_doubts(running.newest.states, self.config, declared, until)
         return doubts
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from trackfg.numerics.arrays import Array
 from trackfg.results.events import DOUBT, Event
-from trackfg.smoothing.leaning_body import FEWEST_CELLS, HINT, NEIGHBOURS, circle_sums, circles, lean_of, pull
+from trackfg.smoothing.leaning_body import FEWEST_CELLS, HINT, NEIGHBOURS, OF_TRACK, circle_sums, circles, lean_of, pull
 
 
 @dataclass
@@ -46,5 +46,5 @@ class LeanTest:
         lean = lean_of(self.sums)
         if not lean.is_sure:
             return ()
-        doubt = f"roll, cross_level, twist, level, alignment: {lean.in_words()}"
+        doubt = f"{', '.join(('roll', *OF_TRACK))}: {lean.in_words()}"
         return (Event(DOUBT, t_s=until_s, detail=f"{doubt}: {HINT}"),)

@@ -32,7 +32,7 @@ by their linearisation points as well."""
 _CHANCE = 1e-3
 """Probability of such differences by chance, below which sigmas are doubted."""
 
-_LEAST_RATIO = 1.3
+LEAST_RATIO = 1.3
 """Below this ratio there is no doubt: runs of right sigmas have up to 1.2 (`tools/robustness.py`, clean)."""
 
 _COLUMNS = 1 + 2 * len(QUANTITIES)
@@ -84,20 +84,24 @@ class SigmaTest:
         for i in range(len(QUANTITIES)):
             self._add(i, _in_sigmas(matched, rows, 1 + 2 * i, is_angle=QUANTITIES[i].endswith("_rad")))
 
-    def events(self, until_s: float) -> tuple[Event, ...]:
-        """Return an event for each quantity whose sigmas are too small beyond chance, known at the end of a stream."""
+    def events(self, until_s: float, *, positions: bool) -> tuple[Event, ...]:
+        """Return an event for each quantity whose sigmas are too small beyond chance, known at the end of a stream.
+
+        Without ``positions`` the lag hardly changes the chainage. It is the integral of the speed, and doubted with it.
+        """
         worst: dict[Quantity, float] = {}
         for i, column in enumerate(QUANTITIES):
             ratio = self._ratio(i)
             quantity = QUANTITY_OF_COLUMN[column]
-            if ratio >= max(_LEAST_RATIO, worst.get(quantity, 0.0)):
+            if ratio >= max(LEAST_RATIO, worst.get(quantity, 0.0)):
                 worst[quantity] = ratio
-        return tuple(_doubt(quantity, ratio, until_s) for quantity, ratio in worst.items())
+        also = _ALSO if positions else _ALSO | {"speed": ("chainage",)}
+        return tuple(_doubt((of, *also.get(of, ())), ratio, until_s) for of, ratio in worst.items())
 
     def doubts(self, column: str) -> bool:
         """Return whether the sigmas of a column of the trajectory are too small beyond chance so far."""
         if column not in self._doubted:
-            self._doubted[column] = self._ratio(QUANTITIES.index(column)) >= _LEAST_RATIO
+            self._doubted[column] = self._ratio(QUANTITIES.index(column)) >= LEAST_RATIO
         return self._doubted[column]
 
     def _add(self, i: int, z: Array) -> None:
@@ -125,15 +129,16 @@ def fix_doubts(number: int, squares: float, until_s: float) -> tuple[Event, ...]
     end of a stream, ``until_s``.
     """
     mean = squares / max(number, 1)
-    if mean < _LEAST_RATIO**2 or not exceeds_chance(mean, number, _CHANCE):
+    if mean < LEAST_RATIO**2 or not exceeds_chance(mean, number, _CHANCE):
         return ()
     doubt = f"chainage, speed: fixes are {np.sqrt(mean):.1f} times as far from where they were expected as sigmas allow"
     return (Event(DOUBT, t_s=until_s, detail=f"{doubt}: {_ADVICE}"),)
 
 
-def _doubt(quantity: Quantity, ratio: float, until_s: float) -> Event:
-    names = ", ".join((quantity, *_ALSO.get(quantity, ())))
-    doubt = f"{names}: smoothed and filtered estimates differ by {ratio:.1f} times what their sigmas allow"
+def _doubt(quantities: tuple[Quantity, ...], ratio: float, until_s: float) -> Event:
+    doubt = (
+        f"{', '.join(quantities)}: smoothed and filtered estimates differ by {ratio:.1f} times what their sigmas allow"
+    )
     return Event(DOUBT, t_s=until_s, detail=f"{doubt}: {_ADVICE}")
 
 

@@ -41,7 +41,7 @@ def put_through(difference_sd: float, *, lasting: int = 1, yaw: float = 0.0) -> 
 
 
 def test_right_sigmas_are_not_doubted() -> None:
-    assert put_through(0.4).events(400.0) == ()
+    assert put_through(0.4).events(400.0, positions=True) == ()
 
 
 def test_every_row_is_held_against_its_own_once() -> None:
@@ -54,17 +54,26 @@ def test_every_row_is_held_against_its_own_once() -> None:
 
 
 def test_sigmas_three_times_too_small() -> None:
-    (event,) = put_through(1.2).events(400.0)
+    (event,) = put_through(1.2).events(400.0, positions=True)
     assert (event.kind, event.t_s) == (DOUBT, 400.0)
     assert event.detail.startswith("chainage: smoothed and filtered estimates differ by 2.7")
     assert put_through(1.2).doubts("chainage_m")
     assert not put_through(1.2).doubts("speed_mps")
 
 
+def test_a_chainage_without_positions_is_doubted_with_the_speed() -> None:
+    test, t = SigmaTest(), np.arange(400.0)
+    speed = 1.2 * np.random.default_rng(1).standard_normal(400)
+    put(test, rows(t, FILTERED_SD, speed_mps=speed), rows(t, SMOOTHED_SD))
+    for positions, names in ((True, "speed: "), (False, "speed, chainage: ")):
+        (event,) = test.events(400.0, positions=positions)
+        assert event.detail.startswith(names)
+
+
 def test_few_differences_that_last_may_be_chance() -> None:
     """Four errors of 100 s each, of 1.6 sigmas: as many independent ones would be far off."""
-    assert put_through(0.8, lasting=100).events(400.0) == ()
-    assert len(put_through(0.8).events(400.0)) == 1
+    assert put_through(0.8, lasting=100).events(400.0, positions=True) == ()
+    assert len(put_through(0.8).events(400.0, positions=True)) == 1
 
 
 def test_rows_of_a_lost_window_are_not_held_against_the_next_one() -> None:
@@ -74,11 +83,11 @@ def test_rows_of_a_lost_window_are_not_held_against_the_next_one() -> None:
     east, away = 0.4 * np.random.default_rng(1).standard_normal(200), 50.0 * (t > 100.0)
     filtered = rows(t, FILTERED_SD, east_m=east + np.where(t < 110.0, 0.0, away))
     put(test, filtered, rows(t, SMOOTHED_SD, east_m=away))
-    assert test.events(200.0) == ()
+    assert test.events(200.0, positions=True) == ()
 
 
 def test_directions_on_both_sides_of_the_cut_are_near() -> None:
-    assert put_through(0.4, yaw=1.0).events(400.0) == ()
+    assert put_through(0.4, yaw=1.0).events(400.0, positions=True) == ()
 
 
 @pytest.mark.parametrize("offset_s", [0.0, 0.05])
@@ -91,7 +100,7 @@ def test_what_is_rough_between_rows_is_no_doubt(offset_s: float) -> None:
     off = 0.4 * draws.standard_normal(len(at))
     filtered = rows(fine[at], FILTERED_SD, pitch_rad=np.radians(pitch[at]) + off)
     put(test, filtered, rows(fine[::2], SMOOTHED_SD, pitch_rad=np.radians(pitch[::2])))
-    assert test.events(400.0) == ()
+    assert test.events(400.0, positions=True) == ()
     assert test.sums[6, 1] / test.sums[6, 0] == pytest.approx(1.0, rel=0.15)
 
 

@@ -10,10 +10,11 @@ import math
 
 from trackfg.factors.factor_type import FactorType
 from trackfg.results.verdict import Doubt
+from trackfg.smoothing.leaning_body import HINT, OF_TRACK
 from trackfg.smoothing.noise_levels import levels
 from trackfg.smoothing.reassessment import SolvedRun
 
-_ON_SPRINGS = 10.0
+ON_SPRINGS = 10.0
 """Times its declared sigma by which a path may leave the heading: by default 2 mm in 20 m. The middle of a bogie frame
 without springs, its axles 2.5 m apart, leaves it by 0.6 mm on waves of 5 m with an amplitude of 1 mm; a coach on
 springs by 3 mm on good track (``tools/robustness.py --effects spring-roll-declared-rigid``)."""
@@ -24,11 +25,12 @@ def path_doubts(run: SolvedRun) -> list[Doubt]:
     if run.problem.family(FactorType.PATH) is None:
         return []
     level = levels(run.declared, run.problem).get("path", 1.0) * run.noise_ratios.get("path", 1.0)
-    if level < _ON_SPRINGS:
-        return []
-    reason = (
+    return [] if level < ON_SPRINGS else [Doubt(OF_TRACK, math.inf, off_its_heading(level), HINT)]
+
+
+def off_its_heading(level: float) -> str:
+    """Return the sentence for residuals of the path that are ``level`` times their declared sigma."""
+    return (
         f"the path leaves the direction in which the vehicle points by {level:.0f} times what is declared: the sensor "
         "is on springs and was declared rigid"
     )
-    hint = "write rigid = false in [imu]: the geometry of the track then needs displacement sensors"
-    return [Doubt(("cross_level", "twist", "level", "alignment"), math.inf, reason, hint)]

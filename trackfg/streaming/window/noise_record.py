@@ -22,8 +22,10 @@ from trackfg.factors.factor_type import FactorType
 from trackfg.factors.family import Family, changed
 from trackfg.factors.imu import Preintegration
 from trackfg.numerics.arrays import Array
-from trackfg.results.events import Event
+from trackfg.results.events import DOUBT, Event
 from trackfg.sensors.imu_noise import NoiseAtRest, NoiseFloor, RestNoise
+from trackfg.smoothing.doubts.path_doubts import ON_SPRINGS, off_its_heading
+from trackfg.smoothing.leaning_body import HINT, OF_TRACK
 from trackfg.smoothing.noise_levels import (
     FAMILIES,
     FAR_OFF,
@@ -184,6 +186,21 @@ class NoiseRecord:
             for name, level in self._rms_levels().items()
             if level > FAR_OFF
         )
+
+    def track_doubts(self, until_s: float) -> tuple[Event, ...]:
+        """Return an event where a sensor that is declared rigid does not move as the track does, known at ``until_s``.
+
+        Its samples show the noise of an inertial sensor. What residuals show beyond it is motion.
+        """
+        levels, reasons = self._rms_levels(), []
+        if levels["accel"] > FAR_OFF:
+            reasons.append(
+                f"residuals of the accelerometer are {levels['accel']:.1f} times its noise: the sensor does not move "
+                "as the track does, or its axes or stamps are wrong"
+            )
+        if levels["path"] >= ON_SPRINGS:
+            reasons.append(off_its_heading(levels["path"]))
+        return tuple(Event(DOUBT, t_s=until_s, detail=f"{', '.join(OF_TRACK)}: {reason}: {HINT}") for reason in reasons)
 
     def _rms_levels(self) -> dict[str, float]:
         """Return the level of each group, rms over the intervals that were marginalised."""

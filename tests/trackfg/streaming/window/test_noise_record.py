@@ -16,6 +16,7 @@ from trackfg.factors.imu import Preintegration, PreintegrationNoise
 from trackfg.factors.motion import non_holonomic
 from trackfg.factors.states import States
 from trackfg.recording.model import Recording
+from trackfg.results.events import DOUBT
 from trackfg.sensors.imu_intervals import Intervals
 from trackfg.solver.variance_components import Residuals
 from trackfg.streaming.window.noise_record import NoiseRecord, _with_more
@@ -95,6 +96,31 @@ def test_motion_has_one_level_from_all_that_was_seen_and_an_event_says_so() -> N
     )
     level = record.others[0]
     assert record.weigh(weighed, {"motion": residuals(np.full(N, 3.0 / level))}, 0) is weighed
+
+
+@pytest.mark.parametrize(
+    ("group", "size", "says"),
+    [
+        ("accel", 5.0, "residuals of the accelerometer are 5.0 times its noise"),
+        ("accel", 1.5, None),
+        ("path", 12.0, "the path leaves the direction in which the vehicle points by 12 times"),
+        ("path", 8.0, None),
+        ("gyro", 5.0, None),
+    ],
+)
+def test_a_sensor_that_does_not_move_as_the_track_does_is_a_doubt_of_the_geometry(
+    group: str, size: float, says: str | None
+) -> None:
+    record = NoiseRecord()
+    record.weigh(window(), {group: residuals(np.full(N, size))}, 40)
+    events = record.track_doubts(60.0)
+    if says is None:
+        assert events == ()
+    else:
+        (event,) = events
+        assert (event.kind, event.t_s) == (DOUBT, 60.0)
+        assert event.detail.startswith(f"cross_level, twist, level, alignment: {says}")
+        assert "rigid = false" in event.detail
 
 
 def test_noise_of_long_ago_is_forgotten() -> None:
