@@ -18,12 +18,13 @@ struct Layout {
 
     std::ptrdiff_t pair() const { return 2 * keyframe; }
 
-    // Column in the window of the next keyframe, of width `next`, of column `c` behind x_k in one of width `width`.
-    std::ptrdiff_t in_next(std::ptrdiff_t c, std::ptrdiff_t width, std::ptrdiff_t next) const {
-        if (c < keyframe) return c;
-        const std::ptrdiff_t beyond = width - pair();
-        if (c >= keyframe + beyond) return next + c - keyframe - beyond;
-        return c - keyframe < nav ? keyframe + nav_start + c - keyframe : pair() + c - keyframe - nav;
+    // Copy a row over what is behind x_k in a window of `width` to its columns in that of the next keyframe, of width `next`.
+    void to_next(const double *from, std::ptrdiff_t width, double *to, std::ptrdiff_t next) const {
+        const std::ptrdiff_t beyond = width - pair(), nearest = beyond < nav ? beyond : nav;
+        std::copy_n(from, keyframe, to);
+        std::copy_n(from + keyframe, nearest, to + keyframe + nav_start);
+        std::copy_n(from + keyframe + nearest, beyond - nearest, to + pair());
+        std::copy_n(from + keyframe + beyond, tail, to + next);
     }
 };
 
@@ -204,10 +205,8 @@ PyObject *eliminate(PyObject *, PyObject *arguments) {
         std::ptrdiff_t total = left_rows;
         for (const Family &one : families) total += one.height(begin + k);
         A.shape(total > K ? total : K, columns);
-        for (std::ptrdiff_t i = 0; i < left_rows; ++i) {
-            const double *from = left.data() + i * left_columns;
-            for (std::ptrdiff_t c = 0; c < left_columns; ++c) A.row(i)[at.in_next(c, width[k - 1], width[k])] = from[c];
-        }
+        for (std::ptrdiff_t i = 0; i < left_rows; ++i)
+            at.to_next(left.data() + i * left_columns, width[k - 1], A.row(i), width[k]);
         std::ptrdiff_t row = left_rows;
         for (Family &one : families) row = one.copy(begin + k, A, row, width[k], tail);
         const std::ptrdiff_t pivots = width[k + 1] == 0 ? K : width[k];  // behind the last keyframe nothing is carried
