@@ -49,6 +49,8 @@ class SolvedRun:
     """Which sigmas they would widen, and why."""
     is_changing: bool = False
     """Whether a reassessor has changed the problem since it was solved."""
+    judged_before: Problem | None = None
+    """As the reassessor that looks at it saw the problem in the round before."""
 
     @cached_property
     def noise_ratios(self) -> dict[str, float]:
@@ -93,12 +95,15 @@ def reassessed(run: SolvedRun, solver: RunSolver, reassessors: Sequence[Reassess
 
     The initial values of each further solve are the last solution.
     """
+    seen: dict[Reassessor, Problem] = {}
     for rounds_left in reversed(range(run.config.noise.rounds + 1)):
         problem = run.problem
         reassessments: list[Reassessment] = []
         for reassessor in reassessors:
-            is_changing = any(one.changed for one in reassessments)
-            reassessments.append(reassessor(replace(run, problem=problem, is_changing=is_changing)))
+            is_changing, judged_before = any(one.changed for one in reassessments), seen.get(reassessor)
+            seen[reassessor] = problem
+            to_judge = replace(run, problem=problem, is_changing=is_changing, judged_before=judged_before)
+            reassessments.append(reassessor(to_judge))
             problem = reassessments[-1].problem
         if not rounds_left or not any(one.changed for one in reassessments):
             break

@@ -74,7 +74,7 @@ def wheel_scale(run: SolvedRun) -> Reassessment:
     if problem.wheel is None or chain is None or declared is None or has_further_wheel:
         return Reassessment(problem)
     faster = chain.sigma[:, 1] / declared.sigma[:, 1]
-    if not np.allclose(faster, faster[0]):
+    if not np.allclose(faster, faster[0]) or _was_judged(run):
         return Reassessment(problem, _findings(run))
     states, walks = run.solution.states, not np.isclose(faster[0], 1.0)
     constant, edges = chain.with_sigma(declared.sigma), _edges(problem.t, states.odo.distance)
@@ -100,6 +100,17 @@ def wheel_scale(run: SolvedRun) -> Reassessment:
     if not walks:
         problem = _with_fixes_again(problem, states)
     return Reassessment(problem, _findings(run), changed=True, far=not walks)
+
+
+def _was_judged(run: SolvedRun) -> bool:
+    """Return whether the round before has judged the same factors, or others only in how the inertial sensor's biases
+    respond to its calibration, which is constant over the run.
+    """
+    judged, problem = run.judged_before, run.problem
+    if judged is None or judged.measured is not problem.measured or len(judged.families) != len(problem.families):
+        return False
+    pairs = zip(judged.families, problem.families, strict=True)
+    return all(old is new or old.type is new.type is FactorType.BIAS_WALK for old, new in pairs)
 
 
 def _with_offset(families: Sequence[Family], sd_mps: float) -> tuple[Family, ...]:

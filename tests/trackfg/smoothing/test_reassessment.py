@@ -48,3 +48,18 @@ def test_a_reassessor_that_never_rests_is_stopped(simulated: Any) -> None:
     seen: list[float] = []
     reassessed(run, lambda config, declared, problem, far: replace(run, problem=problem), [raising(100, seen)])
     assert len(seen) == 4
+
+
+def test_a_reassessor_is_given_the_problem_as_it_saw_it_in_the_round_before(simulated: Any) -> None:
+    run, before = smooth_states(simulated("mainline", duration_s=60.0).recording, SmoothConfig()), []
+
+    def watching(run: SolvedRun) -> Reassessment:
+        before.append((run.judged_before, run.problem))
+        return Reassessment(run.problem)
+
+    def solver(config: SmoothConfig, declared: Problem, problem: Problem, far: bool) -> SolvedRun:
+        return replace(run, problem=problem)
+
+    reassessed(run, solver, [raising(1, []), watching])
+    assert before[0][0] is None
+    assert before[1][0] is before[0][1]

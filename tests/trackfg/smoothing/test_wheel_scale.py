@@ -18,9 +18,11 @@ from trackfg.recording.description import Tach
 from trackfg.recording.model import Recording
 from trackfg.smoothing.smoother import SmoothedStates, smooth_states
 from trackfg.smoothing.wheel_scale import _edges, _walking_at, _walking_everywhere, wheel_scale
+from trackfg.solver.scale_changes import ScaleChanges
 from trackfg.solver.scale_evidence import ScaleEvidence
 
 JUMP = 0.01
+NO_CHANGES = ScaleChanges(-np.inf, np.zeros(0))
 
 
 @pytest.fixture(scope="module")
@@ -118,6 +120,27 @@ def test_a_walk_that_is_not_likelier_any_more_is_taken_back(constant: SmoothedSt
     assert chain is not None
     assert declared is not None
     np.testing.assert_array_equal(chain.sigma, declared.sigma)
+
+
+def test_a_scale_is_judged_again_only_where_what_shows_it_has_changed(
+    constant: SmoothedStates, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    problem, calls = constant.problem, []
+    monkeypatch.setattr("trackfg.smoothing.wheel_scale.scale_changes", lambda *_: calls.append(1) or NO_CHANGES)
+
+    def is_judged(kind: FactorType) -> bool:
+        calls.clear()
+        families = changed(problem.families, kind, lambda family: family.with_sigma(1.1 * family.sigma))
+        judged = wheel_scale(replace(constant, problem=replace(problem, families=families), judged_before=problem))
+        assert not judged.changed
+        return bool(calls)
+
+    assert is_judged(FactorType.TACH_DISTANCE)
+    assert is_judged(FactorType.PRIOR_IMU)
+    assert not is_judged(FactorType.BIAS_WALK)
+    noisier = replace(problem, measured=(*problem.measured,))
+    wheel_scale(replace(constant, problem=noisier, judged_before=problem))
+    assert calls
 
 
 def test_a_speed_signal_that_is_off_by_a_constant_is_no_scale_that_walks(run: Simulation) -> None:
