@@ -93,7 +93,7 @@ class Intake:
             row_checks=RowChecks.of(description, checks),
             held_rows=HeldRows(),
             clock_jumps=ClockJumps.of(description),
-            imu_clock_jumps=None if description.tach is None else ImuClockJumps(),
+            imu_clock_jumps=ImuClockJumps.of(description),
             gnss_origin=gnss_origin,
         )
 

@@ -13,6 +13,7 @@ from trackfg.checks.clock_change import SIDE_S
 from trackfg.datasets.effects.catalogue import effect
 from trackfg.datasets.faults import drop_imu
 from trackfg.datasets.scenarios import Simulation, scenario, simulate
+from trackfg.datasets.sensors.receiver_speeds import ReceiverSpeeds
 from trackfg.recording.model import Recording
 from trackfg.results.events import DOUBT, Event
 from trackfg.streaming.intake.imu_clock_jumps import CELL_S, ImuClockJumps
@@ -97,18 +98,46 @@ def test_a_late_tach_shows_a_jump(recording: Recording) -> None:
     assert events_of(drop_imu(late, 150.0, 152.0)) == []
 
 
-def test_without_a_tach_nothing_is_looked_at(recording: Recording) -> None:
+def without_tach(recording: Recording) -> Recording:
     description = recording.description.model_copy(update={"tach": None})
-    assert events_of(replace(jumped(recording, (150.0, 5.0)), tach=None, description=description)) == []
+    return replace(recording, tach=None, description=description)
 
 
-def test_minutes_are_kept() -> None:
+@pytest.fixture(scope="module", params=["speeds", "positions"])
+def of_receiver(request: pytest.FixtureRequest) -> Recording:
+    """A receiver's speeds, or positions as good as those by carrier phase, without a tach."""
+    plan = scenario("mainline-gnss")
+    assert plan.gnss is not None
+    if request.param == "speeds":
+        plan = replace(plan, further_sensors=(ReceiverSpeeds(rate_hz=5.0, delay_s=0.1),))
+    else:
+        plan = replace(plan, gnss=replace(plan.gnss, sd_m=(0.02, 0.02, 0.04)))
+    return without_tach(simulate(plan, seed=31, duration_s=300.0).recording)
+
+
+@pytest.mark.parametrize("by_s", [1.0, 5.0])
+def test_without_a_tach_a_receiver_shows_a_jump(
+    by_s: float, of_receiver: Recording, saved_and_restored: Callable[..., Any]
+) -> None:
+    given = jumped(of_receiver, (150.0, by_s))
+    (event,) = events_of(given)
+    assert f"by {by_s:.2f} s against that of the receiver's" in event.detail
+    assert events_of(given, 3.0, saved_and_restored) == [event]
+    assert events_of(drop_imu(of_receiver, 150.0, 150.0 + by_s)) == []
+
+
+def test_without_another_clock_nothing_is_looked_at(recording: Recording) -> None:
+    assert events_of(without_tach(jumped(recording, (150.0, 5.0)))) == []
+
+
+def test_minutes_are_kept(recording: Recording) -> None:
     """Of an hour at rest, in which nothing shows whether the hole was a gap."""
-    stage, t = ImuClockJumps(), np.arange(0.0, 3600.0, 0.02)
+    stage, t = ImuClockJumps.of(recording.description), np.arange(0.0, 3600.0, 0.02)
+    assert stage is not None
     t = t[(t < 1000.0) | (t > 1010.0)]
     for part in np.array_split(t, 500):
         stage.take(
             Rows(imu=np.column_stack([part, np.zeros((len(part), 6))]), tach=np.column_stack([part, 0.0 * part]))
         )
-        assert max(len(stage.samples.rows), len(stage.tach.rows)) * CELL_S < 3.0 * SIDE_S
+        assert max(len(stage.samples.rows), len(stage.other.rows)) * CELL_S < 3.0 * SIDE_S
     assert stage.hole is None
