@@ -17,18 +17,22 @@ _RATE = re.compile(r"^(fs|f_?s(ample)?|sampl\w*[ _]?(rate|freq\w*)|rate|srate)([
 """Names of a number that is the sampling rate, Hz."""
 
 
-def tables_of_arrays(arrays: Mapping[str, Any], name: str) -> list[SourceTable]:
+def tables_of_arrays(arrays: Mapping[str, Any], name: str, units: Mapping[str, str] | None = None) -> list[SourceTable]:
     """Return the tables of arrays by their paths (``imu/gyro``): arrays of one group and length are one table.
 
     An array (n, 3) or (3, n) is three columns x, y, z. A group without times gets those of another one of its length,
-    if only one has any. Texts go beside numbers of their length.
+    if only one has any. Texts go beside numbers of their length. ``units`` are those that arrays state, by their paths.
     """
+    stated: dict[tuple[str, int], dict[str, str]] = {}
     groups: dict[tuple[str, int], dict[str, np.ndarray | pd.Series]] = {}
     for path, value in arrays.items():
         array = _by_rows(np.asarray(value))
         if array is not None:
             parent, _, leaf = path.rpartition("/")
-            groups.setdefault((parent, len(array)), {}).update(_columns(leaf, array))
+            columns = _columns(leaf, array)
+            groups.setdefault((parent, len(array)), {}).update(columns)
+            if units is not None and path in units:
+                stated.setdefault((parent, len(array)), {}).update(dict.fromkeys(columns, units[path]))
     groups = {key: columns for key, columns in groups.items() if holds_numbers(columns)}
     remarks = "\n".join(_rates(arrays))
     parents = {parent for parent, _ in groups}
@@ -36,7 +40,8 @@ def tables_of_arrays(arrays: Mapping[str, Any], name: str) -> list[SourceTable]:
     for (parent, rows), columns in groups.items():
         alone = sum(other == parent for other, _ in groups) == 1
         parts = [name, *([parent] if len(parents) > 1 else []), *([] if alone else [f"{rows} rows"])]
-        tables.append(SourceTable("/".join(parts), pd.DataFrame(columns), remarks=remarks))
+        frame, of_columns = pd.DataFrame(columns), stated.get((parent, rows), {})
+        tables.append(SourceTable("/".join(parts), frame, of_columns, remarks=remarks))
     return _with_times(tables)
 
 
@@ -78,5 +83,6 @@ def _with_times(tables: list[SourceTable]) -> list[SourceTable]:
         times = time_columns(same[0]) or ()
         clash = [column for column in times if column in table.columns]
         frame = table.frame if clash else pd.concat([same[0].frame[list(times)], table.frame], axis=1)
-        out.append(SourceTable(table.name, frame, remarks=table.remarks))
+        of_times = {name: unit for name, unit in same[0].units.items() if name in times and not clash}
+        out.append(SourceTable(table.name, frame, {**table.units, **of_times}, remarks=table.remarks))
     return out

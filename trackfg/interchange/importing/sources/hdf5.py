@@ -7,6 +7,7 @@ them, or with the system's prefix (``[PLATFORM].``, ``section.``), as recording 
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -22,6 +23,20 @@ from trackfg.interchange.importing.source_table import SourceTable, column_of, h
 
 Part = TypeVar("Part")
 _SIGNATURE = b"\x89HDF\r\n\x1a\n"
+_SINCE = re.compile(
+    r"(\w+) since (\d{4}-\d{1,2}-\d{1,2}(?:[T ][\d:.]+)?)(?: ?(?:Z|UTC|[+-]?0{1,2}:?00))?", re.IGNORECASE
+)
+"""Times of the conventions for climate and forecast (CF), which netCDF follows."""
+_NS_OF = {
+    **dict.fromkeys(("day", "days", "d"), 86_400_000_000_000),
+    **dict.fromkeys(("hour", "hours", "hr", "h"), 3_600_000_000_000),
+    **dict.fromkeys(("minute", "minutes", "min"), 60_000_000_000),
+    **dict.fromkeys(("second", "seconds", "sec", "s"), 1_000_000_000),
+    **dict.fromkeys(("millisecond", "milliseconds", "msec", "ms"), 1_000_000),
+    **dict.fromkeys(("microsecond", "microseconds", "us"), 1_000),
+    **dict.fromkeys(("nanosecond", "nanoseconds", "ns"), 1),
+}
+"""Their units, ns."""
 
 
 class RcmDx(SourceFormat):
@@ -42,7 +57,8 @@ class RcmDx(SourceFormat):
 class TableHdf5(SourceFormat):
     """Each dataset with named columns is a table; OnboardEU files have ``journey_NN/IMU`` and ``journey_NN/GNSS``.
 
-    In a file without any the arrays of each group are.
+    In a file without any the arrays of each group are, with the units that they state, as those of netCDF-4 do. Tables
+    of pandas' ``to_hdf`` have its names.
     """
 
     key = "hdf5"
@@ -54,7 +70,10 @@ class TableHdf5(SourceFormat):
 
     def tables(self, path: Path, dialect_for: DialectFor) -> Sequence[SourceTable]:
         """Read the datasets; of several journeys the first, since a recording is one run."""
-        tables = _read(path, _compound_tables) or tables_of_arrays(arrays_in(path), path.name)
+        tables = _read(path, _pandas_tables) or _read(path, _compound_tables)
+        if not tables:
+            arrays, units = arrays_in(path), dict(_read(path, _units))
+            tables = [_with_dates(table) for table in tables_of_arrays(arrays, path.name, units)]
         refuse_empty(tables, path, "dataset with named columns, and no arrays of numbers")
         journeys = sorted({table.name.partition("/")[0] for table in tables if table.name.startswith("journey_")})
         return [table for table in tables if not journeys or table.name.partition("/")[0] == journeys[0]]
@@ -169,6 +188,84 @@ def _compound_tables(h5py: Any, file: Any) -> Iterator[SourceTable]:
             columns = {name: column for name, column in pairs if column is not None}
             if holds_numbers(columns):
                 yield SourceTable(dataset.name.lstrip("/"), pd.DataFrame(columns))
+
+
+def _pandas_tables(h5py: Any, file: Any) -> Iterator[SourceTable]:
+    """Find the tables that pandas has written: an index beside blocks of columns of one type."""
+    for group in _all_of(h5py.Group, file):
+        kind = _text(group.attrs.get("pandas_type", ""))
+        if kind == "frame":
+            columns = _blocks(group)
+        elif kind == "frame_table":
+            columns = _fields(group["table"])
+        else:
+            continue
+        pairs = ((name, column_of(values)) for name, values in columns.items())
+        columns = {name: column for name, column in pairs if column is not None}
+        if holds_numbers(columns):
+            yield SourceTable(group.name.lstrip("/"), pd.DataFrame(columns))
+
+
+def _blocks(group: Any) -> dict[str, Any]:
+    index = group["axis1"]
+    columns = {_index_name(index.attrs.get("name"), index.attrs.get("kind")): index[()]}
+    for number in range(int(group.attrs["nblocks"])):
+        names = [_text(name) for name in group[f"block{number}_items"][()]]
+        values = np.asarray(group[f"block{number}_values"][()])
+        if values.ndim == 2:  # texts are a pickle
+            columns |= dict(zip(names, values.T, strict=False))
+    return columns
+
+
+def _fields(table: Any) -> dict[str, Any]:
+    rows, columns = table[()], dict[str, Any]()
+    for field in rows.dtype.names:
+        if field == "index":
+            columns[_index_name(None, table.attrs.get("index_kind"))] = rows[field]
+        elif rows[field].ndim == 2:
+            names = _names_of_block(table.attrs.get(f"{field}_kind"))
+            columns |= dict(zip(names, rows[field].T, strict=False))
+        else:
+            columns[field] = rows[field]
+    return columns
+
+
+def _index_name(name: Any, kind: Any) -> str:
+    """Return the name of an index: its own, else ``time`` of dates."""
+    given = "" if name is None else _text(name)
+    if given not in ("", "N."):  # None, as PyTables keeps it
+        return given
+    return "time" if "datetime" in _text(kind or "") else "index"
+
+
+def _names_of_block(kind: Any) -> list[str]:
+    """Return the texts of a list that PyTables has kept as a pickle in text form, which is not to be run."""
+    names = re.findall(rb"V([^\n]*)\n", bytes(kind) if isinstance(kind, bytes) else b"")
+    return [name.decode("raw-unicode-escape") for name in names]
+
+
+def _units(h5py: Any, file: Any) -> Iterator[tuple[str, str]]:
+    """Yield the units that arrays state, by their paths."""
+    for dataset in _all_of(h5py.Dataset, file):
+        attributes = {name.casefold(): value for name, value in dataset.attrs.items()}
+        unit = next((attributes[key] for key in ("units", "unit") if key in attributes), None)
+        if isinstance(unit, str | bytes):
+            yield dataset.name.lstrip("/"), _text(unit)
+
+
+def _with_dates(table: SourceTable) -> SourceTable:
+    """Return a table with times since a date, ``seconds since 2026-05-01``, as ns since 1970."""
+    for name, unit in table.units.items():
+        match = _SINCE.fullmatch(unit.strip())
+        ns = None if match is None else _NS_OF.get(match[1].casefold())
+        if match is None or ns is None:
+            continue
+        zero = pd.Timestamp(match[2]).value
+        values = table.frame[name].to_numpy()
+        since = values * ns if values.dtype.kind in "iu" else np.round(values * float(ns))
+        units = {other: stated for other, stated in table.units.items() if other != name}
+        return replace(table, frame=table.frame.assign(**{name: zero + since.astype(np.int64)}), units=units)
+    return table
 
 
 def arrays_in(path: Path) -> dict[str, np.ndarray]:
