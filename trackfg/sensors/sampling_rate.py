@@ -34,7 +34,8 @@ def rate_stretches(steps: Array) -> list[tuple[int, int]]:
     Nearly always that is one.
     """
     count = len(steps) // BLOCK
-    if count >= 2:
+    # The level of a block is no further off than a step is.
+    if count >= 2 and is_other_rate(float(np.max(steps)), float(np.min(steps))):
         level, regular = regular_levels(steps[: count * BLOCK].reshape(count, BLOCK))
         of_regular = level[regular]
         if of_regular.size and of_regular.max() >= _OTHER * of_regular.min():
