@@ -52,8 +52,8 @@ class StreamOptions:
         float | None,
         typer.Option(
             metavar="S",
-            help="Seconds of the stream from one checkpoint in OUT to the next. Unless given, 60, and a second of the "
-            "computer's time.",
+            help="Seconds of the stream from one checkpoint in OUT to the next. Unless given, 60, and five seconds of "
+            "the computer's time.",
         ),
     ] = None
     view: Annotated[
