@@ -28,9 +28,9 @@ four sigmas. In simulated runs it stayed below 3 over gaps, and below 18 with a 
 """
 _LATEST_S = 2.0
 """A tach is no later than this before a hole, s: displays on a bus are up to 1 s late."""
-SIGMAS = 4.0
+_SIGMAS = 4.0
 """Agreement of offsets, in sigmas."""
-APART_S = 0.15
+_APART_S = 0.15
 """The same, s: what the offset wanders within minutes, and what its sigma leaves out."""
 
 
@@ -42,7 +42,7 @@ def offset_before(imu: pd.DataFrame, tach: pd.DataFrame) -> ClockOffset | None:
 
 def was_set(imu: pd.DataFrame, tach: pd.DataFrame, before: ClockOffset, by_s: float) -> bool:
     """Return whether the rows after a hole show that the IMU's clock was set ahead over it by ``by_s``, s."""
-    within_s = max(SIGMAS * before.sd_s, APART_S)
+    within_s = max(_SIGMAS * before.sd_s, _APART_S)
     if within_s >= 0.5 * by_s:
         return False
     as_gap, as_set = (_alike(samples, tach, before, within_s) for samples in (imu, imu.assign(t_s=imu["t_s"] - by_s)))

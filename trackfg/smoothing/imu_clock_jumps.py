@@ -1,10 +1,10 @@
 """A hole in the stamps of the IMU is a gap, or its clock was set ahead while it went on.
 
-Where only the IMU's clock was set, those of tach and GNSS were not. Accelerations show the offset between the clocks of
-IMU and tach (:mod:`trackfg.checks.diagnosis_clock`) on either side of the hole. Over a gap it stays the same; where the
-IMU's clock was set by L it changes by L, and no sample is missing. Without a tach the minutes around the hole are
-smoothed with both, and the IMU's clock was set if that explains the measurements better by far: the difference of the
-sums of squares, over their level, is that of a likelihood ratio. What is not clear is taken for a gap.
+Where only the IMU's clock was set, those of tach and GNSS were not. The accelerations that IMU and tach show of each
+other on either side of the hole tell both apart (:mod:`trackfg.checks.clock_change`). Without a tach the minutes around
+the hole are smoothed with both, and the IMU's clock was set if that explains the measurements better by far: the
+difference of the sums of squares, over their level, is that of a likelihood ratio. What is not clear is taken for a
+gap.
 """
 
 from __future__ import annotations
@@ -15,8 +15,7 @@ from typing import NamedTuple
 import numpy as np
 import pandas as pd
 
-from trackfg.checks.clock_change import APART_S, LEAST_S, SIDE_S, SIGMAS
-from trackfg.checks.diagnosis_clock import ClockOffset, estimate_clock_offset
+from trackfg.checks.clock_change import LEAST_S, SIDE_S, offset_before, was_set
 from trackfg.config import SmoothConfig
 from trackfg.errors import TrackfgError
 from trackfg.graph.build import build_problem
@@ -57,13 +56,14 @@ def imu_clock_jumps(recording: Recording, config: SmoothConfig) -> tuple[ImuCloc
         by = float(steps[i]) - interval
         imu = recording.imu.assign(t_s=clock)
         if recording.tach is None:
-            was_set = _explains_better(recording, imu, i, by, config)
+            is_jump = _explains_better(recording, imu, i, by, config)
         else:
             first = max(first, np.searchsorted(clock, clock[i] - SIDE_S))
             last = min(last, np.searchsorted(clock, clock[i + 1] + SIDE_S, side="right") - 1)
             earlier, later = imu.iloc[first : i + 1], imu.iloc[i + 1 : last + 1]
-            was_set = _changes_by(by, _offset(recording, earlier, 0.0), _offset(recording, later, by))
-        if was_set:
+            offset = offset_before(earlier, recording.tach)
+            is_jump = offset is not None and was_set(later, recording.tach, offset, by)
+        if is_jump:
             jumps.append(ImuClockJump(float(t[i]), by))
             clock[i + 1 :] -= by
     return tuple(jumps)
@@ -90,28 +90,6 @@ def without_imu_clock_jumps(recording: Recording, config: SmoothConfig) -> Recor
         for jump in jumps
     )
     return replace(recording, imu=recording.imu.assign(t_s=t - ahead), findings=(*recording.findings, *findings))
-
-
-def _changes_by(by: float, earlier: ClockOffset | None, later: ClockOffset | None) -> bool:
-    """Return whether the offset changes by as much as the hole, and not by nothing."""
-    if earlier is None or later is None:
-        return False
-    allowed = max(SIGMAS * float(np.hypot(earlier.sd_s, later.sd_s)), APART_S)
-    change = later.offset_s - earlier.offset_s
-    return abs(change - by) < allowed < 0.5 * by
-
-
-def _offset(recording: Recording, side: pd.DataFrame, by: float) -> ClockOffset | None:
-    """Return what brings the tach's times to the IMU's on one side of a hole, s; the IMU's may be ``by`` ahead."""
-    tach = recording.tach
-    assert tach is not None
-    part = side.assign(t_s=side["t_s"] - 0.5 * by)
-    reach = 0.5 * by + 1.0
-    rows = tach[tach["t_s"].between(part["t_s"].iloc[0] - reach, part["t_s"].iloc[-1] + reach)]
-    if len(part) < 2 or len(rows) < 2:
-        return None
-    estimate = estimate_clock_offset(replace(recording, imu=part, tach=rows.reset_index(drop=True)), reach)
-    return None if estimate is None else replace(estimate, offset_s=estimate.offset_s + 0.5 * by)
 
 
 def _explains_better(recording: Recording, imu: pd.DataFrame, i: int, by: float, config: SmoothConfig) -> bool:

@@ -35,6 +35,15 @@ def test_a_jump_is_found_and_a_gap_is_not_one(by_s: float, recording: Recording)
     assert imu_clock_jumps(drop_imu(recording, 150.0, 150.0 + by_s), SmoothConfig()) == ()
 
 
+def test_a_late_tach_shows_a_jump(recording: Recording) -> None:
+    assert recording.tach is not None
+    late = replace(recording, tach=recording.tach.assign(t_s=recording.tach["t_s"] + 1.0))
+    t = late.imu["t_s"].to_numpy()
+    (jump,) = imu_clock_jumps(replace(late, imu=late.imu.assign(t_s=t + 2.0 * (t > 150.0))), SmoothConfig())
+    assert jump.by_s == pytest.approx(2.0, abs=0.01)
+    assert imu_clock_jumps(drop_imu(late, 150.0, 152.0), SmoothConfig()) == ()
+
+
 def test_jumps_add_up(recording: Recording) -> None:
     t = recording.imu["t_s"].to_numpy()
     jumped = recording.imu.assign(t_s=t + 2.0 * (t > 100.0) + 3.0 * (t > 200.0))
