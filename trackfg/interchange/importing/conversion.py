@@ -30,6 +30,7 @@ from trackfg.interchange.importing.mapping import BALISES, MappedSensor, Mapping
 from trackfg.interchange.importing.recorded_columns import in_plan, in_recorded_units
 from trackfg.interchange.importing.sample_stamps import repeated_rows, sorted_rows, spread_stamps, tick_s
 from trackfg.interchange.importing.source_table import ROW_NUMBER, SourceTable
+from trackfg.interchange.importing.stated_start import stated_start
 from trackfg.interchange.importing.stations import read_stations
 from trackfg.interchange.importing.times import Times, as_datetime, as_ns, read_times, start_of, stated_day
 from trackfg.io.description_reader import FILE_NAME, FORMAT
@@ -165,6 +166,8 @@ def converted(tables: Sequence[SourceTable], mapping: Mapping, *, run_id: str) -
     if day is not None and zones and len(zones) == len(clocks):  # times of day alone
         clocks.append(Times.noon_of(day, zones[0]))
     parts = [part._replace(times=part.times.beside(clocks)) for part in parts]
+    if mapping.top.get("start") is None and all(table.start_ns is None for table in tables):
+        parts = _dated_by_lines_above(parts, tables)
     start_ns = _start(parts, mapping, next((t.start_ns for t in tables if t.start_ns is not None), None))
     description, files = _described(parts, mapping, start_ns, run_id)
     notes = dict.fromkeys(text for part in parts for text in (*part.times.notes, *part.notes))
@@ -474,6 +477,31 @@ def _merged_imu(sensor: MappedSensor, gyro: SourceTable, accel: SourceTable) -> 
     assumed = tuple(note for times in clocks for note in times.notes)
     merged = replace(Times.after(zero, common, clocks[faster].zone, assumed), of_hour=clocks[faster].of_hour)
     return _Part(sensor, merged, columns, keys, notes=tuple(notes))
+
+
+def _dated_by_lines_above(parts: Sequence[_Part], tables: Sequence[SourceTable]) -> list[_Part]:
+    """Return the parts; clocks that count from zeros of their own get dates where lines above their tables state these.
+
+    That is where other clocks have dates, or where the lines state several. One date counts for all.
+    """
+    undated = [part for part in parts if part.times.ns is None and part.times.zone is None and not part.times.of_hour]
+    starts = {}
+    for sensor in (part.sensor for part in undated):
+        table = table_named(tables, sensor.files[0], sensor.section)
+        if (stated := stated_start(table)) is not None:
+            starts[sensor.section] = stated.ns(sensor.reading.time_zone)
+    dates = set(starts.values())
+    if len(dates) < (1 if len(undated) < len(parts) else 2) or (len(dates) > 1 and len(starts) < len(undated)):
+        return list(parts)
+    out = []
+    for part in parts:
+        if part in undated:
+            zero = starts.get(part.sensor.section, min(dates))
+            date = f"{as_datetime(zero):%Y-%m-%d %H:%M:%S} UTC"
+            note = f"{part.sensor.files[0]}: counts from {date}, which a line above a table states"
+            part = part._replace(times=Times.after(zero, part.times.since(None), None, (*part.times.notes, note)))
+        out.append(part)
+    return out
 
 
 def _start(parts: Sequence[_Part], mapping: Mapping, stated_ns: int | None) -> int | None:

@@ -34,6 +34,7 @@ from trackfg.interchange.importing.columns.receiver_state import (
 from trackfg.interchange.importing.columns.time_columns import states_no_zone
 from trackfg.interchange.importing.columns.written_units import factor_of, unit_in
 from trackfg.interchange.importing.mapping import FORMAT
+from trackfg.interchange.importing.proposals.clock_start import propose_start
 from trackfg.interchange.importing.proposals.evident_by_force import settle_by_force
 from trackfg.interchange.importing.proposals.inertial_proposal import propose_imu
 from trackfg.interchange.importing.proposals.questions import Ask, Proposal, Question, asked, asked_number
@@ -94,6 +95,7 @@ def propose_columns(tables: Sequence[SourceTable], ask: Ask, given: dict[str, An
     if "fixes" not in proposal.sections:
         _fixes(proposal, tables)
     _time_zone(proposal, tables, ask)
+    propose_start(proposal, tables, ask)
     _vehicle(proposal, ask)
     _start(proposal, ask)
     return proposal
