@@ -87,7 +87,8 @@ class SigmaTest:
     def events(self, until_s: float, *, positions: bool) -> tuple[Event, ...]:
         """Return an event for each quantity whose sigmas are too small beyond chance, known at the end of a stream.
 
-        Without ``positions`` the lag hardly changes the chainage. It is the integral of the speed, and doubted with it.
+        The lag hardly changes the chainage. It is doubted with what it follows: with ``positions``, if the stream has
+        any, else with the speed.
         """
         worst: dict[Quantity, float] = {}
         for i, column in enumerate(QUANTITIES):
@@ -95,7 +96,8 @@ class SigmaTest:
             quantity = QUANTITY_OF_COLUMN[column]
             if ratio >= max(LEAST_RATIO, worst.get(quantity, 0.0)):
                 worst[quantity] = ratio
-        also = _ALSO if positions else _ALSO | {"speed": ("chainage",)}
+        followed: Quantity = "position" if positions else "speed"
+        also = _ALSO | {followed: ("chainage",)}
         return tuple(_doubt((of, *also.get(of, ())), ratio, until_s) for of, ratio in worst.items())
 
     def doubts(self, column: str) -> bool:

@@ -61,13 +61,21 @@ def test_sigmas_three_times_too_small() -> None:
     assert not put_through(1.2).doubts("speed_mps")
 
 
-def test_a_chainage_without_positions_is_doubted_with_the_speed() -> None:
+@pytest.mark.parametrize(
+    ("column", "positions", "names"),
+    [
+        ("speed_mps", False, "speed, chainage: "),
+        ("speed_mps", True, "speed: "),
+        ("east_m", True, "position, chainage: "),
+        ("east_m", False, "position: "),
+    ],
+)
+def test_a_chainage_is_doubted_with_what_it_follows(column: str, positions: bool, names: str) -> None:
     test, t = SigmaTest(), np.arange(400.0)
-    speed = 1.2 * np.random.default_rng(1).standard_normal(400)
-    put(test, rows(t, FILTERED_SD, speed_mps=speed), rows(t, SMOOTHED_SD))
-    for positions, names in ((True, "speed: "), (False, "speed, chainage: ")):
-        (event,) = test.events(400.0, positions=positions)
-        assert event.detail.startswith(names)
+    off = 1.2 * np.random.default_rng(1).standard_normal(400)
+    put(test, rows(t, FILTERED_SD, **{column: off}), rows(t, SMOOTHED_SD))
+    (event,) = test.events(400.0, positions=positions)
+    assert event.detail.startswith(names)
 
 
 def test_few_differences_that_last_may_be_chance() -> None:
