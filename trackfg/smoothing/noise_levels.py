@@ -142,7 +142,7 @@ def settled(before: Array, seen: Array) -> Array:
     return np.where(np.abs(np.log(seen / before)) < np.log(RAISED), before, seen)
 
 
-def _level_like(other: float, squares: float, redundancy: float) -> float:
+def level_like(other: float, squares: float, redundancy: float) -> float:
     """Return f of residuals in declared sigmas, of which ``other`` > 1 of the same sensor is; at least 1."""
     return max(1.0, math.sqrt((_ALIKE_IN_KIND * other**2 + squares) / (_ALIKE_IN_KIND + redundancy)))
 
@@ -208,7 +208,7 @@ def _with_level(
     level = level if ours else 1.0
     squares, redundancy = (float(np.sum(part[:, columns])) for part in (group.values**2, group.redundancy))
     squares *= level**2
-    estimate = float(levels_seen(squares, redundancy)) if other == 1.0 else _level_like(other, squares, redundancy)
+    estimate = float(levels_seen(squares, redundancy)) if other == 1.0 else level_like(other, squares, redundancy)
     factor = estimate / level
     if abs(np.log(factor)) < np.log(RAISED):
         return problem

@@ -226,7 +226,7 @@ class FixedLagSmoother:
             doubts += self._vibration_test.events(until, running.context.conventions)
             doubts += (*self._accelerometer_test.events(until), *self._bandwidth_test.events(until))
             doubts += (*running.noise.events(until), *running.gnss.events(until), *running.gnss_speeds.events(until))
-            doubts += running.walk_test.events(until)
+            doubts += running.walk.events(until)
             if description.imu.rigid:
                 doubts += running.noise.track_doubts(until)
             declared = description.imu.noise.rectification_sd

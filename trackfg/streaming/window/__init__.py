@@ -49,7 +49,7 @@ module                content
 ``wheel_creep``       whether the wheel crept, as a fix or the accelerometer shows it
 ``gnss_record``       how good GNSS positions are, from their residuals
 ``noise_record``      how noisy sensors, motion and wheel are, from their residuals
-``walk_test``         whether biases walk faster than declared
+``walk_record``       how fast biases walk
 ``rests``             standstills, while they last
 ``marginalised``      keyframes that left the window and are still needed by the tables
 ``sample_buffer``     the rows that are still needed

@@ -19,6 +19,7 @@ from trackfg.factors.marginal_prior import marginal_prior
 from trackfg.factors.states import KEYFRAME_DIM, SHARED_DIM, Kind, offset_in_keyframe
 from trackfg.graph.inertial import walk_sigma
 from trackfg.numerics.arrays import Array
+from trackfg.recording.description import ImuNoise
 from trackfg.solver.elimination import compressed, eliminate_pair
 from trackfg.solver.pair_rows import linearised_pair
 from trackfg.solver.square_root import SquareRoot
@@ -48,10 +49,10 @@ class PredictedPair:
     triangle: Array
 
     @classmethod
-    def of(cls, newest: Window, prediction: Prediction) -> PredictedPair:
-        """Linearise the prediction from the newest keyframe, a window of one."""
+    def of(cls, newest: Window, prediction: Prediction, noise: ImuNoise) -> PredictedPair:
+        """Linearise the prediction from the newest keyframe, a window of one. ``noise``: how fast biases walk."""
         interval, context = prediction.interval, prediction.motion.context
-        sigma = walk_sigma(np.array([newest.t[0], interval.t]), context.description.imu.noise)
+        sigma = walk_sigma(np.array([newest.t[0], interval.t]), noise)
         walk = context.motion_factors.walk.measured(sigma, change=-interval.response[None])
         pair = newest.extended(interval._replace(families=(*interval.families, walk)))
         inertial = (family for family in pair.families if family.type not in OTHER_ROWS)

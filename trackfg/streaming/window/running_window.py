@@ -30,6 +30,7 @@ from trackfg.graph.inertial import walk_of
 from trackfg.graph.motion import resting
 from trackfg.numerics.arrays import Array
 from trackfg.output.trajectory import QUANTITIES, keyframe_variances
+from trackfg.recording.description import ImuNoise
 from trackfg.results.events import Event
 from trackfg.solver.covariance import Covariance, posterior_covariance
 from trackfg.solver.gauss_newton import solve
@@ -46,7 +47,7 @@ from trackfg.streaming.window.sample_buffer import AFTER_S, SampleBuffer
 from trackfg.streaming.window.starting_window import FirstProblem, KnownDistance, late_tach
 from trackfg.streaming.window.stream_context import StreamContext
 from trackfg.streaming.window.tach_buffer import TachBuffer
-from trackfg.streaming.window.walk_test import WalkTest
+from trackfg.streaming.window.walk_record import WalkRecord
 from trackfg.streaming.window.wheel_creep import WALK_PER_SQRT_M, Creep, scale_walks, with_creep, with_walk
 from trackfg.streaming.window.window import Interval, MarginalisedKeyframes, Window, WindowStep
 
@@ -127,7 +128,7 @@ class RunningWindow:
     ``damped_work``: the steps it tried until then, times the keyframes of each, with a share of those of lost windows.
     ``walks``: whether the wheel's scale walks by the accelerometer's evidence. ``gnss``: what its positions have shown
     of their errors, ``noise``: what residuals have shown of all else. ``speed_doubted``: whether the sigmas of the
-    speed are too small beyond chance so far. ``walk_test``: whether biases walk faster than declared.
+    speed are too small beyond chance so far. ``walk``: how fast biases walk.
     ``undelivered_pass``: the result of a pass that :meth:`add_keyframe` had to take, or of the first window.
     """
 
@@ -155,7 +156,7 @@ class RunningWindow:
     gnss_speeds: GnssRecord = field(default_factory=GnssRecord.of_speeds)
     noise: NoiseRecord = field(default_factory=NoiseRecord)
     speed_doubted: bool = False
-    walk_test: WalkTest = field(default_factory=WalkTest)
+    walk: WalkRecord = field(default_factory=WalkRecord)
     undelivered_pass: Relinearisation | None = None
 
     @classmethod
@@ -280,6 +281,11 @@ class RunningWindow:
         return 0 if self.heading_known else int(_DAMPED_BEFORE * self.damped_work)
 
     @property
+    def _imu_noise(self) -> ImuNoise:
+        """The declared noise of the inertial sensor, with the walk that residuals have shown."""
+        return self.walk.of(self.context.description.imu.noise)
+
+    @property
     def _pass_is_due(self) -> bool:
         return len(self.added) >= BETWEEN_PASSES
 
@@ -296,7 +302,7 @@ class RunningWindow:
             prediction = prediction.with_walking_scale(walk)
             bridged = bool(data.bridged[edges[0]])
             weighed = self.noise.weigh_next(prediction.interval, bridged=bridged)
-            self.predicted = PredictedPair.of(self.newest, prediction._replace(interval=weighed))
+            self.predicted = PredictedPair.of(self.newest, prediction._replace(interval=weighed), self._imu_noise)
         return self.predicted
 
     def _filter_step(self, pair: PredictedPair, interval: Interval) -> FilterResult | None:
@@ -314,7 +320,7 @@ class RunningWindow:
         """Estimate the next keyframe by a step of all recent ones; by the pass where that fails."""
         self.added.append(interval)
         recent = self.recent.extended(*self.added)
-        recent = recent.with_families(walk_of(recent.t, recent.response, self.context.description.imu.noise))
+        recent = recent.with_families(walk_of(recent.t, recent.response, self._imu_noise))
         last = len(recent) - 1
         try:
             step = recent.settled_step({last}, _SETTLED_RECENT if self.heading_known else _SETTLED)
@@ -383,7 +389,7 @@ class RunningWindow:
             window = replace(window, states=self._back_substituted_states(window))
         self.rests.update(self.buffer, self.tach, window, config, (last_pass - LOOK_S, now + AFTER_S))
         window = self.noise.with_rests(window, self.buffer, self.rests.spans)
-        walk = walk_of(window.t, window.response, imu.noise)
+        walk = walk_of(window.t, window.response, self._imu_noise)
         window = window.with_families(walk, *resting(window.t, self.rests.spans, config, rigid=imu.rigid))
         leaving = before_recent = 0
         if self.heading_known or len(window) > _MOST_WITHOUT_HEADING:
@@ -429,9 +435,6 @@ class RunningWindow:
             groups = group_residuals(
                 window, window.states, covariance, self.buffer.inertial.bridged_from(window.t[:-1])
             )
-            walk = walk_residuals(window, window.states, covariance)
-            if walk is not None:
-                self.walk_test.put(walk, leaving)
         ratios, changes = ratios_of(groups), False
         speed_doubted = self.speed_doubted and self.noise.has_risen
         for record, doubted in ((self.gnss, speed_doubted), (self.gnss_speeds, False)):
@@ -442,7 +445,11 @@ class RunningWindow:
                 changes |= record.judge(heading_known=self.heading_known)
         if changes:
             return window
-        return self.noise.weigh(window, groups, leaving) if adapts else window
+        if not adapts:
+            return window
+        walk = walk_residuals(window, window.states, covariance)
+        window = window if walk is None else self.walk.weigh(window, walk, leaving)
+        return self.noise.weigh(window, groups, leaving)
 
     def _settle_window(
         self, window: Window, marginalise: Collection[int], failure: str | None

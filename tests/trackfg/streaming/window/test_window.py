@@ -198,7 +198,7 @@ def test_the_filters_step_ends_where_its_new_prior_has_its_minimum(description: 
     """
     prediction = predicted(description, 10.0)
     interval = with_other_rows(prediction, Recording(description, NO_SAMPLES), rolled(10.05), 0.05)
-    result = PredictedPair.of(known(keyframes(1, 10.0)), prediction).update(interval)
+    result = PredictedPair.of(known(keyframes(1, 10.0)), prediction, description.imu.noise).update(interval)
     assert result.pair.states.odo.count[1] == pytest.approx(10.05, abs=6e-3)
     prior = result.newest.families[0]
     assert np.linalg.norm(prior.residual(result.newest.states)) < 0.05
