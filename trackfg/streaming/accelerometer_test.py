@@ -31,9 +31,8 @@ from trackfg.streaming.sigma_test import LEAST_RATIO
 @dataclass
 class AccelerometerTest:
     """``products`` (starts, b, 5, 5): the sums of the first blocks in motion, with samples moved by each of
-    :data:`~trackfg.sensors.imu_filters.accelerometer_clock.STARTS_S`. ``rows``: how many rows of the
-    trajectory have come, and ``accelerations`` the sum of their squared accelerations over the variances of the speed,
-    1/s^2.
+    :data:`~trackfg.sensors.imu_filters.accelerometer_clock.STARTS_S`. ``rows``: how many rows of the trajectory have
+    come; ``accelerations``: the sum of their squared accelerations over the variances of the speed, 1/s^2.
     """
 
     products: Array = field(default_factory=lambda: np.zeros((len(STARTS_S), 0, SIGNALS, SIGNALS)))

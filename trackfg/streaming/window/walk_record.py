@@ -32,6 +32,7 @@ _SENSORS = {"accelerometer": "accel_bias_walk", "gyro": "gyro_bias_walk"}
 """The sensors in the order of the walk's columns, and what declares their walk."""
 
 _AXES = 3
+"""Columns of the walk of each sensor."""
 
 
 @dataclass
