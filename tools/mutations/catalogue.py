@@ -669,7 +669,7 @@ _SENSORS = (
             ),
             _one("rests show what comes alone", "density**2 + factor**2 * part", "density**2 + 0.0 * part"),
             _one("stretches before say nothing of their like", "self.sums[i], self.all_sums[i])", "self.sums[i])"),
-            _one("motion passes for noise", '"accel"] > FAR_OFF', '"accel"] > 1e3 * FAR_OFF'),
+            _one("motion passes for noise", '[levels["accel"] > FAR_OFF', '[levels["accel"] > 1e3 * FAR_OFF'),
         ),
     ),
     Part(

@@ -167,6 +167,14 @@ class NoiseRecord:
         """Return whether residuals have shown a group to be noisier than declared, rms over the stream."""
         return any(level > RAISED for level in self._rms_levels().values())
 
+    @property
+    def far_off(self) -> np.ndarray:
+        """Whether residuals of accelerometer and gyro are far above the noise that their samples show, rms over the
+        stream, (2,).
+        """
+        levels = self._rms_levels()
+        return np.array([levels["accel"] > FAR_OFF, levels["gyro"] > FAR_OFF])
+
     def weigh_next(self, interval: Interval, *, bridged: bool) -> Interval:
         """Return the next interval, by the inertial sensor alone, with sigmas of the newest levels."""
         measured = interval.measured if bridged else _scaled(interval.measured, self.newest)
@@ -193,7 +201,7 @@ class NoiseRecord:
         Its samples show the noise of an inertial sensor. What residuals show beyond it is motion.
         """
         levels, reasons = self._rms_levels(), []
-        if levels["accel"] > FAR_OFF:
+        if self.far_off[0]:
             reasons.append(
                 f"residuals of the accelerometer are {levels['accel']:.1f} times its noise: the sensor does not move "
                 "as the track does, or its axes or stamps are wrong"

@@ -448,7 +448,7 @@ class RunningWindow:
         if not adapts:
             return window
         walk = walk_residuals(window, window.states, covariance)
-        window = window if walk is None else self.walk.weigh(window, walk, leaving)
+        window = window if walk is None else self.walk.weigh(window, walk, leaving, self.noise.far_off)
         return self.noise.weigh(window, groups, leaving)
 
     def _settle_window(

