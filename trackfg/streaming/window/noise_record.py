@@ -169,9 +169,7 @@ class NoiseRecord:
 
     @property
     def far_off(self) -> np.ndarray:
-        """Whether residuals of accelerometer and gyro are far above the noise that their samples show, rms over the
-        stream, (2,).
-        """
+        """Return whether residuals of accelerometer and gyro are far above the noise of their samples, (2,)."""
         levels = self._rms_levels()
         return np.array([levels["accel"] > FAR_OFF, levels["gyro"] > FAR_OFF])
 
