@@ -32,7 +32,7 @@ from trackfg.interchange.importing.sample_stamps import repeated_rows, sorted_ro
 from trackfg.interchange.importing.source_table import ROW_NUMBER, SourceTable
 from trackfg.interchange.importing.stated_start import stated_start
 from trackfg.interchange.importing.stations import read_stations
-from trackfg.interchange.importing.times import Times, as_datetime, as_ns, read_times, start_of, stated_day
+from trackfg.interchange.importing.times import Times, as_datetime, as_ns, read_times, start_of, stated_day, zone_named
 from trackfg.io.description_reader import FILE_NAME, FORMAT
 from trackfg.io.reader import LoadedRecording, load
 from trackfg.io.writer import write_table
@@ -484,12 +484,12 @@ def _dated_by_lines_above(parts: Sequence[_Part], tables: Sequence[SourceTable])
 
     That is where other clocks have dates, or where the lines state several. One date counts for all.
     """
-    undated = [part for part in parts if part.times.ns is None and part.times.zone is None and not part.times.of_hour]
+    undated = [part for part in parts if part.times.have_own_zero]
     starts = {}
     for sensor in (part.sensor for part in undated):
         table = table_named(tables, sensor.files[0], sensor.section)
         if (stated := stated_start(table)) is not None:
-            starts[sensor.section] = stated.ns(sensor.reading.time_zone)
+            starts[sensor.section] = stated.ns(zone_named(sensor.reading.time_zone, sensor.files[0]))
     dates = set(starts.values())
     if len(dates) < (1 if len(undated) < len(parts) else 2) or (len(dates) > 1 and len(starts) < len(undated)):
         return list(parts)

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import re
-from datetime import UTC, datetime
+from datetime import datetime, tzinfo
 from typing import NamedTuple
-from zoneinfo import ZoneInfo
 
 from trackfg.interchange.importing.source_table import SourceTable
 from trackfg.interchange.importing.times import as_ns
@@ -23,11 +22,11 @@ class StatedStart(NamedTuple):
     date: str
     offset: str | None
 
-    def ns(self, zone: str) -> int:
+    def ns(self, zone: tzinfo) -> int:
         """Return it in ns since 1970; ``zone`` is where it was written unless its offset is stated."""
         if self.offset is not None:
             return as_ns(datetime.fromisoformat(f"{self.date}{self.offset}"))
-        return as_ns(datetime.fromisoformat(self.date).replace(tzinfo=UTC if zone == "UTC" else ZoneInfo(zone)))
+        return as_ns(datetime.fromisoformat(self.date).replace(tzinfo=zone))
 
 
 def stated_start(table: SourceTable) -> StatedStart | None:

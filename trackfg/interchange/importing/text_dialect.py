@@ -152,7 +152,10 @@ def _guessed(path: Path, options: DialectOptions) -> Dialect:
 
 
 def _with_whole_header(lines: list[str]) -> list[str]:
-    """Return lines with the first one of which a cell goes on in the next lines, as names do, in the last of these."""
+    """Return the lines with a header that is one line: names in quotes may have line breaks.
+
+    The lines of the first cell with such a break are joined into the last of them, and the others left empty.
+    """
     first = next((i for i, line in enumerate(lines[:_MOST_LINES]) if _OPEN_CELL.search(line)), None)
     if first is None:
         return lines

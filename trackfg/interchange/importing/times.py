@@ -141,6 +141,11 @@ class Times:
     notes: tuple[str, ...] = ()
     of_hour: bool = False
 
+    @property
+    def have_own_zero(self) -> bool:
+        """Return whether nothing is known of the zero from which they count."""
+        return self.ns is None and self.zone is None and not self.of_hour
+
     def since(self, start_ns: int | None) -> Array:
         """Return seconds since ``start_ns``, or since their own zero where they are not on the calendar."""
         if self.ns is None:
@@ -346,7 +351,7 @@ def clock_ns(values: Array) -> np.ndarray:
 def _of_the_day(ns: np.ndarray, zone: str, label: str) -> Times:
     """Return times of day (n,), ns since midnight, which goes on to the next day."""
     days = np.concatenate([[0], np.cumsum(np.diff(ns) < -_DAY_NS // 2)])
-    return Times(None, (ns + days * _DAY_NS) / 1e9, _zone(zone, label))
+    return Times(None, (ns + days * _DAY_NS) / 1e9, zone_named(zone, label))
 
 
 def gps_ns(seconds: Array) -> np.ndarray:
@@ -544,7 +549,7 @@ def _as_utc(ns: np.ndarray, zone: str, label: str) -> np.ndarray:
     """Return times (n,) that were written in a zone, ns since 1970, as those of UTC."""
     if zone == "UTC":
         return ns
-    written, place = pd.Series(ns.astype("datetime64[ns]")), _zone(zone, label)
+    written, place = pd.Series(ns.astype("datetime64[ns]")), zone_named(zone, label)
     hint = "Hint: state a zone without summer time as time_zone, such as Etc/GMT-1 (one hour ahead of UTC)"
     try:
         local = written.dt.tz_localize(place, ambiguous="infer", nonexistent="NaT")
@@ -598,7 +603,7 @@ def _first_unread(text: pd.Series, formats: Sequence[str]) -> tuple[int, str]:
 def is_zone(name: str) -> bool:
     """Return whether a time zone has this name."""
     try:
-        _zone(name, "")
+        zone_named(name, "")
     except BadInputError:
         return False
     return True
@@ -612,7 +617,8 @@ def states_zone(cell: str) -> bool:
     )
 
 
-def _zone(name: str, label: str) -> tzinfo:
+def zone_named(name: str, label: str) -> tzinfo:
+    """Return the time zone of a name. Raises :class:`BadInputError` for an unknown one, which ``label`` has."""
     try:
         return UTC if name == "UTC" else ZoneInfo(name)
     except (ZoneInfoNotFoundError, ValueError):

@@ -443,9 +443,7 @@ class RunningWindow:
                 record.forget()
             else:
                 changes |= record.judge(heading_known=self.heading_known)
-        if changes:
-            return window
-        if not adapts:
+        if changes or not adapts:
             return window
         walk = walk_residuals(window, window.states, covariance)
         window = window if walk is None else self.walk.weigh(window, walk, leaving, self.noise.far_off)

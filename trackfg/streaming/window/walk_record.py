@@ -24,6 +24,7 @@ import numpy as np
 from trackfg.factors.factor_type import FactorType
 from trackfg.factors.family import changed
 from trackfg.numerics.arrays import Array
+from trackfg.numerics.chi_square import exceeds_chance
 from trackfg.recording.description import ImuNoise
 from trackfg.results.events import DOUBT, Event
 from trackfg.smoothing.noise_levels import FAR_OFF, level_like, levels_seen, settled
@@ -32,6 +33,9 @@ from trackfg.streaming.window.window import Window
 
 _SENSORS = {"accelerometer": "accel_bias_walk", "gyro": "gyro_bias_walk"}
 """The sensors in the order of the walk's columns, and what declares their walk."""
+
+_CHANCE = 1e-3
+"""Probability of such residuals by chance, below which attitudes are doubted."""
 
 _AXES = 3
 """Columns of the walk of each sensor."""
@@ -76,18 +80,28 @@ class WalkRecord:
 
     def events(self, until_s: float) -> tuple[Event, ...]:
         """Return an event for each sensor whose biases walk far faster than declared, known at ``until_s``."""
-        levels = zip(_SENSORS, self._levels_seen().tolist(), strict=True)
-        return tuple(_doubt(sensor, level, until_s) for sensor, level in levels if level > FAR_OFF)
+        squares, degrees = self._independent
+        mean = squares / np.maximum(degrees, 1.0)
+        ratio = np.where(exceeds_chance(mean, degrees, _CHANCE), np.sqrt(mean), 1.0)
+        return tuple(
+            _doubt(sensor, one, until_s) for sensor, one in zip(_SENSORS, ratio.tolist(), strict=True) if one > FAR_OFF
+        )
 
     def _levels_seen(self) -> Array:
         """Return the levels that the sums show; that of the accelerometer, which shows less, is like the gyro's."""
-        squares, redundancy, redundancy_squared = self.sums.T
-        degrees = np.divide(redundancy**2, redundancy_squared, out=np.zeros(len(_SENSORS)), where=redundancy > 0.0)
-        squares = np.divide(squares * degrees, redundancy, out=np.zeros(len(_SENSORS)), where=redundancy > 0.0)
+        squares, degrees = self._independent
         seen = levels_seen(squares, degrees)
         if seen[1] > 1.0:
             seen[0] = level_like(float(seen[1]), float(squares[0]), float(degrees[0]))
         return seen
+
+    @property
+    def _independent(self) -> tuple[Array, Array]:
+        """Return the squares and the number, (2,) each, of independent residuals that show as much as all do."""
+        squares, redundancy, redundancy_squared = self.sums.T
+        known = redundancy > 0.0
+        degrees = np.divide(redundancy**2, redundancy_squared, out=np.zeros(len(_SENSORS)), where=known)
+        return np.divide(squares * degrees, redundancy, out=np.zeros(len(_SENSORS)), where=known), degrees
 
 
 def _doubt(sensor: str, level: float, until_s: float) -> Event:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -57,9 +58,9 @@ def test_netcdf_states_units_and_the_date_of_its_times(
     assert recording.description.imu.gyro_unit == "deg/s"
 
 
-def _fixed(file: object, key: str, drive: Drive, columns: dict[str, np.ndarray]) -> None:
+def _fixed(file: Any, key: str, drive: Drive, columns: dict[str, np.ndarray]) -> None:
     """As ``DataFrame.to_hdf`` writes a table of numbers with an index of dates."""
-    group = file.create_group(key)  # type: ignore[attr-defined]
+    group = file.create_group(key)
     group.attrs["pandas_type"], group.attrs["nblocks"] = np.bytes_(b"frame"), 2
     index = group.create_dataset("axis1", data=drive.ns)
     index.attrs["kind"], index.attrs["name"] = np.bytes_(b"datetime64[ns]"), np.bytes_(b"N.")
@@ -70,9 +71,9 @@ def _fixed(file: object, key: str, drive: Drive, columns: dict[str, np.ndarray])
     texts[0] = np.frombuffer(b"a pickle of texts", dtype=np.uint8)
 
 
-def _table(file: object, key: str, drive: Drive, columns: dict[str, np.ndarray]) -> None:
+def _table(file: Any, key: str, drive: Drive, columns: dict[str, np.ndarray]) -> None:
     """As ``DataFrame.to_hdf(format="table")`` does."""
-    group = file.create_group(key)  # type: ignore[attr-defined]
+    group = file.create_group(key)
     group.attrs["pandas_type"] = np.bytes_(b"frame_table")
     rows = np.empty(len(drive.ns), dtype=[("index", "i8"), ("values_block_0", "f8", (len(columns),))])
     rows["index"], rows["values_block_0"] = drive.ns, np.stack(list(columns.values()), axis=1)

@@ -25,11 +25,7 @@ def propose_start(proposal: Proposal, tables: Sequence[SourceTable], ask: Ask) -
     if any(table.start_ns is not None for table in tables):
         return
     clocks = list(_clocks(proposal, tables))
-    undated = [
-        (section, table)
-        for section, table, times in clocks
-        if times.ns is None and times.zone is None and not times.of_hour
-    ]
+    undated = [(section, table) for section, table, times in clocks if times.have_own_zero]
     if not undated or not any(times.ns is not None for *_, times in clocks):
         return
     starts = [(section, table, start) for section, table in undated if (start := stated_start(table)) is not None]
