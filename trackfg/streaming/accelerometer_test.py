@@ -13,6 +13,7 @@ import numpy as np
 import pandas as pd
 
 from trackfg.numerics.arrays import Array
+from trackfg.numerics.float_table import columns_of
 from trackfg.results.events import DOUBT, Event
 from trackfg.sensors.averages import Motion
 from trackfg.sensors.imu_filters.accelerometer_clock import (
@@ -41,8 +42,9 @@ class AccelerometerTest:
 
     def put(self, samples: Intervals, smoothed: pd.DataFrame) -> None:
         """Take the next samples, and the rows of the trajectory that they led to."""
+        columns = columns_of(smoothed)
         if len(smoothed) > 1:
-            t, speed, sd = smoothed[["t_s", "speed_mps", "speed_mps_sd"]].to_numpy().T
+            t, speed, sd = (columns[name] for name in ("t_s", "speed_mps", "speed_mps_sd"))
             self.rows += len(t)
             self.accelerations += float(np.sum((np.gradient(speed, t) / sd) ** 2))
         edges = np.arange(samples.edges[0], samples.edges[-1], STEP_S) if len(smoothed) else np.zeros(0)
@@ -50,7 +52,7 @@ class AccelerometerTest:
             return
         middle = 0.5 * (edges[1:] + edges[:-1])
         gyro, accel = (means_between(edges[:-1], edges[1:], samples.edges, of) for of in (samples.gyro, samples.accel))
-        speed = np.interp(middle, smoothed["t_s"].to_numpy(), smoothed["speed_mps"].to_numpy())
+        speed = np.interp(middle, columns["t_s"], columns["speed_mps"])
         measured = ~samples.bridged[np.searchsorted(samples.edges, middle) - 1]
         forces = Forces.of(Motion(middle, STEP_S, gyro, accel, speed, measured))
         new = forces.products_of_starts()

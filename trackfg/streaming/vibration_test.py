@@ -10,6 +10,7 @@ import numpy as np
 import pandas as pd
 
 from trackfg.numerics.arrays import Array
+from trackfg.numerics.float_table import columns_of
 from trackfg.results.events import DOUBT, Event
 from trackfg.results.summary import GeometryConventions
 from trackfg.sensors.imu_intervals import Intervals
@@ -36,11 +37,13 @@ class VibrationTest:
         to.
         """
         if len(smoothed):
-            new = Blocks.of(samples, smoothed["t_s"].to_numpy(), smoothed["speed_mps"].to_numpy(), bandwidth_hz)
+            motion = columns_of(smoothed)
+            new = Blocks.of(samples, motion["t_s"], motion["speed_mps"], bandwidth_hz)
             joined = (np.concatenate(both)[-_MOST_BLOCKS:] for both in zip(self.blocks, new, strict=True))
             self.blocks = Blocks(*joined)
+        of_track = columns_of(geometry)
         for i, column in enumerate(COLUMNS.values()):
-            squares = geometry[f"{column}_sd"].to_numpy() ** 2
+            squares = of_track[f"{column}_sd"] ** 2
             self.sums[i] += [np.count_nonzero(~np.isnan(squares)), np.nansum(squares)]
 
     def events(self, until_s: float, conventions: GeometryConventions) -> tuple[Event, ...]:

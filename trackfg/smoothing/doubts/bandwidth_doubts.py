@@ -22,6 +22,7 @@ import pandas as pd
 
 from trackfg.factors.factor_type import FactorType
 from trackfg.numerics.arrays import Array
+from trackfg.numerics.float_table import columns_of
 from trackfg.results.verdict import Doubt
 from trackfg.sensors.imu_filters.bandwidth import SHORTEST_D1_M, Bandwidths
 from trackfg.smoothing.doubts.vibration_doubts import COLUMNS, LEAST_WIDENING
@@ -49,16 +50,17 @@ class ShortWaves:
     @classmethod
     def of(cls, geometry: pd.DataFrame, step_m: float) -> ShortWaves:
         """Return that of a geometry table with a row every ``step_m`` of each passage."""
-        speed = np.abs(geometry["speed_mps"].to_numpy())
+        columns = columns_of(geometry)
+        speed = np.abs(columns["speed_mps"])
         speeds = np.bincount(
             np.clip(np.nan_to_num(speed), 0, _FASTEST_MPS - 1).astype(np.int64), minlength=_FASTEST_MPS
         )
-        along = np.abs(np.abs(np.diff(geometry["chainage_m"].to_numpy())) - step_m) < 0.5 * step_m
+        along = np.abs(np.abs(np.diff(columns["chainage_m"])) - step_m) < 0.5 * step_m
         sums = np.zeros((len(COLUMNS), 4))
         if len(speed) > 2:
             for row, column in zip(sums, COLUMNS.values(), strict=True):
-                bends = speed[1:-1] ** 2 * np.diff(geometry[column].to_numpy(), 2) / step_m**2
-                bends, sds = bends[along[1:] & along[:-1]], geometry[f"{column}_sd"].to_numpy()
+                bends = speed[1:-1] ** 2 * np.diff(columns[column], 2) / step_m**2
+                bends, sds = bends[along[1:] & along[:-1]], columns[f"{column}_sd"]
                 row[:] = [
                     np.count_nonzero(np.isfinite(bends)),
                     np.nansum(bends**2),

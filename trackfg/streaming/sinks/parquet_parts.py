@@ -26,7 +26,8 @@ import pyarrow as pa
 from trackfg.errors import BadInputError, OutputError, first_line
 from trackfg.files.atomic_file import UNFINISHED, write_whole
 from trackfg.files.parquet import read_parquet, write_parquet
-from trackfg.streaming.sinks.sink import TABLES, columns_of
+from trackfg.numerics.float_table import columns_of
+from trackfg.streaming.sinks.sink import TABLES
 
 ROWS_PER_PART = 6000
 """Rows of a part: ten minutes at 10 Hz."""

@@ -18,7 +18,7 @@ from trackfg.graph.keyframes import TOO_CLOSE
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.spans import median_interval
 from trackfg.recording.description import RecordingDescription
-from trackfg.recording.model import IMU_COLUMNS, LASER_COLUMNS, TACH_COLUMNS, Recording
+from trackfg.recording.model import LASER_COLUMNS, Recording
 from trackfg.sensors.displacement import RailView, rail_views
 from trackfg.sensors.imu_intervals import Intervals, laid_out, means_around
 from trackfg.sensors.sampling_rate import RateFollower
@@ -202,10 +202,10 @@ class SampleBuffer:
 
     def recording(self, begin: float, end: float) -> Recording:
         """Return the rows from one time to another, s, as a recording."""
-        imu = pd.DataFrame(_between(self.samples.rows, begin, end), columns=list(IMU_COLUMNS))
+        imu = pd.DataFrame(_between(self.samples.rows, begin, end), columns=_columns("imu"))
         tach = None
         if self.description.tach is not None:
-            tach = pd.DataFrame(_between(self.tach, begin, end), columns=list(TACH_COLUMNS))
+            tach = pd.DataFrame(_between(self.tach, begin, end), columns=_columns("tach"))
         return replace(self.other_rows_between(begin - 2.0 * _SAME_S, end), imu=imu, tach=tach)
 
     def first_speed(self, since: float) -> float | None:
