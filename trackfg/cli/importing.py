@@ -237,7 +237,10 @@ def _ask(question: Question) -> str:
         def process_response(self, value: str) -> str:
             answer = value.strip()
             if question.choices:
-                matches = [choice for choice in question.choices if answer and choice.startswith(answer.casefold())]
+                if answer in question.choices:
+                    return answer
+                beginning = answer.casefold()
+                matches = [choice for choice in question.choices if answer and choice.casefold().startswith(beginning)]
                 if len(matches) != 1:
                     raise InvalidResponse(f"[prompt.invalid]expected {' or '.join(question.choices)}")
                 return matches[0]

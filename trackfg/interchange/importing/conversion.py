@@ -27,6 +27,7 @@ from trackfg.interchange.importing.balise_places import COLUMNS, planned_places
 from trackfg.interchange.importing.columns.receiver_state import RANGE_SD_M, range_sd_m, without_position
 from trackfg.interchange.importing.columns.time_columns import time_columns, time_unit
 from trackfg.interchange.importing.mapping import BALISES, MappedSensor, Mapping, fits
+from trackfg.interchange.importing.pulse_levels import first_missed
 from trackfg.interchange.importing.recorded_columns import in_plan, in_recorded_units
 from trackfg.interchange.importing.sample_stamps import repeated_rows, sorted_rows, spread_stamps, tick_s
 from trackfg.interchange.importing.source_table import ROW_NUMBER, SourceTable
@@ -250,6 +251,8 @@ def _part(sensor: MappedSensor, tables: Sequence[SourceTable], mapping: Mapping)
         times, columns = _rows(times, keep), {name: values[keep] for name, values in columns.items()}
     if not any(len(values) for values in columns.values()):
         raise BadInputError(f"{table.name}: the columns of [{sensor.section}] are empty; expected values")
+    if sensor.reading.levels:
+        _refuse_missed_pulses(sensor, table, columns, np.flatnonzero(keep))
     columns, keys = in_recorded_units(sensor, times, columns, keys)
     if sensor.kind == "tach" and keys.get("kind") != "speed" and not keys.get("signed"):
         falling = [name for name, values in columns.items() if only_falls(values)]
@@ -260,6 +263,19 @@ def _part(sensor: MappedSensor, tables: Sequence[SourceTable], mapping: Mapping)
             for name in falling
         )
     return _Part(sensor, times, columns, keys, notes=notes, whole=table if table is sources[0] and keep.all() else None)
+
+
+def _refuse_missed_pulses(
+    sensor: MappedSensor, table: SourceTable, columns: Dictionary[str, Array], rows: np.ndarray
+) -> None:
+    """Raise :class:`BadInputError` where pulses may lie between the levels in ``rows`` of a table."""
+    for name, levels in columns.items():
+        if (missed := first_missed(levels)) is not None:
+            raise BadInputError(
+                f"{table.name}: column {name!r}, row {table.first_row + rows[missed]}: from here on a level of the "
+                "pulse signal lasts one row only, or none: pulses are lost; expected rows at least twice as often as "
+                f"pulses. Hint: log a counter of pulses, or leave [{sensor.section}] out of the mapping"
+            )
 
 
 def _held(
@@ -391,8 +407,8 @@ def _column(sensor: MappedSensor, table: SourceTable, part: Any) -> Array:
 def _in_order(table: SourceTable, sensor: MappedSensor) -> tuple[SourceTable, Times]:
     """Return the table and the times of its rows: in sequence, and where samples are regular without repetitions.
 
-    Rows that are written twice count once; other stamps that repeat are spread again. Of positions at one time the last
-    counts: a phone corrects its first ones.
+    Rows that are written twice count once; other stamps that repeat are spread again, unless their rows are those of
+    several sensors. Of positions at one time the last counts: a phone corrects its first ones.
     """
     times = read_times(table, sensor.time_columns, sensor.notation)
     since = times.since(times.first_ns)
@@ -400,6 +416,8 @@ def _in_order(table: SourceTable, sensor: MappedSensor) -> tuple[SourceTable, Ti
     if order is not None:
         table, times = _taken(table, times, order)
         since = times.since(times.first_ns)
+    if (np.diff(since) == 0.0).any() and _are_of_several(table, since):
+        return table, times
     if sensor.kind == "gnss":
         last = np.append(np.diff(since) != 0.0, True)
         if 2 * np.count_nonzero(last) > last.size and not last.all():
@@ -420,6 +438,11 @@ def _in_order(table: SourceTable, sensor: MappedSensor) -> tuple[SourceTable, Ti
             f"{table.name}: the clock ticks every {tick:.4g} s only: rows are spread, and may all be half of it off",
         )
     return table, replace(Times.after(times.first_ns, spread, times.zone, notes), of_hour=times.of_hour)
+
+
+def _are_of_several(table: SourceTable, t: Array) -> bool:
+    """Return whether rows with one time (n,), s, fill other columns: each sensor writes a row of its own."""
+    return not table.frame.notna().assign(**{"": t}).duplicated().any()
 
 
 def _taken(table: SourceTable, times: Times, rows: np.ndarray) -> tuple[SourceTable, Times]:

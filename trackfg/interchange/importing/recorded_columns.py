@@ -12,6 +12,7 @@ from trackfg.errors import BadInputError
 from trackfg.interchange.importing.columns.column_meaning import INCREMENT_OF, QUANTITY_OF
 from trackfg.interchange.importing.columns.written_units import Quantity, factor_of, recorded_unit
 from trackfg.interchange.importing.mapping import MappedSensor
+from trackfg.interchange.importing.pulse_levels import rises
 from trackfg.interchange.importing.times import Times
 from trackfg.interchange.importing.wheel_count import unwrapped_count
 from trackfg.io.features import LOCAL, in_wgs_84
@@ -75,7 +76,7 @@ def _counted(sensor: MappedSensor, values: Array) -> Array:
     if sensor.reading.increments:
         return np.cumsum(values)
     if sensor.reading.levels:
-        return np.cumsum(np.diff(values, prepend=values[:1]) > 0.0).astype(np.float64)
+        return rises(values)
     return unwrapped_count(values, sensor.count_wraps_at, signed=bool(sensor.keys.get("signed")))
 
 

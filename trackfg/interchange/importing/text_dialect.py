@@ -13,10 +13,12 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Annotated, Literal
 
+import numpy as np
 from pydantic import Field
 
 from trackfg.errors import BadInputError
-from trackfg.interchange.importing.columns.written_units import QUANTITIES, factor_of
+from trackfg.interchange.importing.columns.column_names import meaning
+from trackfg.interchange.importing.columns.written_units import QUANTITIES, factor_of, number_and_unit
 from trackfg.numerics.chainage.km_notation import metres_of
 from trackfg.recording.strict_model import Model
 
@@ -55,6 +57,8 @@ _UNIT_WORD = re.compile(
     re.IGNORECASE,
 )
 """What stands in a row of units besides units of motion."""
+_COMMENT = re.compile(r"comments?|remarks?|notes?|bemerkung(en)?|kommentare?", re.IGNORECASE)
+"""The last name of a header whose rows leave that cell out where there is nothing to say, as those of LabVIEW do."""
 _MOST_SUMMARY_ROWS = 20
 """Rows below the data that name what they sum up: mean, maximum, number of rows; more of them are data."""
 _MARKS = "#%/!* "
@@ -279,7 +283,7 @@ def _is_value(cell: str) -> bool:
     cell = cell.strip('"')
     if cell.casefold() in _EMPTY or any(pattern.match(cell) for pattern in (_NUMBER, _TEMPORAL)):
         return True
-    return metres_of(cell) is not None
+    return metres_of(cell) is not None or number_and_unit(cell) is not None
 
 
 def _usual_width(rows: list[list[str]]) -> int:
@@ -288,8 +292,12 @@ def _usual_width(rows: list[list[str]]) -> int:
 
 
 def first_data_row(rows: list[list[str]], width: int) -> int | None:
-    """Return the first row of values: most of its cells are, or those in the columns in which all later ones are."""
+    """Return the first row of values: most of its cells are, or those in the columns in which all later ones are.
+
+    A line above a table may have as many cells, of which all but a few are empty.
+    """
     later = [row for row in rows[len(rows) // 2 :] if len(row) == width]
+    usual = float(np.median([sum(map(bool, row)) for row in later])) if later else 0.0
     always = [i for i in range(width) if len(later) > 1 and all(row[i] and _is_value(row[i]) for row in later)]
     for i, row in enumerate(rows):
         if always and len(row) == width and all(row[k] and _is_value(row[k]) for k in always):
@@ -298,7 +306,7 @@ def first_data_row(rows: list[list[str]], width: int) -> int | None:
         values = [cell for cell in filled if _is_value(cell)]
         numbers = any(_NUMBER.match(cell) for cell in values)
         mostly_values = len(values) == len(filled) or (numbers and 2 * len(values) >= len(filled))
-        if len(row) == width and filled and mostly_values:
+        if len(row) == width and filled and 2 * len(filled) >= usual and mostly_values:
             return i
     return None
 
@@ -309,8 +317,8 @@ def header_of(
     """Return the names of the columns and their units: from brackets in the names, and from a row of units.
 
     Of two rows of names the upper one has one for several columns (``Gyro;;;Accel;;`` above ``X;Y;Z;X;Y;Z``). What
-    stands below a row of units describes the columns. A header may lack the name of a column that is always empty, as
-    where rows end in a delimiter, or that of the first one, of numbers of rows.
+    stands below a row of units describes the columns, unless these are the names. A header may lack the name of a
+    column that is always empty, as where rows end in a delimiter, or that of the first one, of numbers of rows.
     """
     data = [row for row in rows[first:] if len(row) == width]
     above = [row for row in (_fitted(_unmarked(row, width), width, data) for row in rows[:first]) if any(row)]
@@ -322,6 +330,8 @@ def header_of(
     else:
         candidates = above if not units_at else above[:units_at]
         candidates = candidates[1:] if units_at == 0 else candidates
+        if units_at and units_at < len(above) - 1 and _quantities(above[-1]) > _quantities(candidates[-1]):
+            candidates = above[-1:]
         if units_at == 0 and not candidates:  # a row that looks like units is that of the names
             candidates, units_row = above, None
         names = candidates[-1] if candidates else []
@@ -343,7 +353,7 @@ def header_of(
 
 def _fitted(row: list[str], width: int, data: list[list[str]]) -> list[str]:
     """Return a row above the data with a cell for each column; empty where it is none of names."""
-    if len(row) == width + 1 and not row[-1]:
+    if len(row) == width + 1 and (not row[-1] or _COMMENT.fullmatch(row[-1])):
         return row[:-1]
     if len(row) == width - 1 and len(row) > 1 and data:
         if not any(cells[-1] for cells in data):
@@ -357,6 +367,11 @@ def _unmarked(row: list[str], width: int) -> list[str]:
     """Return a row above the data without the mark of a remark, which may be a cell of its own before the others."""
     first = row[0].lstrip(_MARKS) if row else ""
     return [first, *row[1:]] if first else row[1:] if len(row) == width + 1 and row[0] else row
+
+
+def _quantities(names: list[str]) -> int:
+    """Return how many names mean a quantity."""
+    return sum(meaning(name) is not None for name in names)
 
 
 def _repeat(names: list[str]) -> bool:
@@ -390,7 +405,8 @@ def _is_unit(cell: str) -> bool:
 def _decimal(rows: list[list[str]]) -> str:
     """Return the decimal sign. Where points may be between groups of digits, decimal commas of times decide."""
     commas = points = groups = times = 0
-    for row in rows[:500]:
+    for cells_of_row in rows[:500]:
+        row = [cell if (parts := number_and_unit(cell)) is None else parts[0] for cell in cells_of_row]
         commas += sum(bool(_DECIMAL_COMMA.match(cell)) for cell in row)
         points += sum(bool(_DECIMAL_POINT.match(cell)) for cell in row)
         groups += sum(bool(_GROUPS.match(cell)) for cell in row)

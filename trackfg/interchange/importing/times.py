@@ -50,6 +50,8 @@ _GPS_LEAP_S = 18
 
 _DATE_FORMATS = (
     "ISO8601",
+    "%Y-%m-%d %H:%M:%S.%f",
+    "%Y-%m-%d %H:%M:%S",
     "%d.%m.%Y %H:%M:%S.%f",
     "%d.%m.%Y %H:%M:%S",
     "%d.%m.%Y %H.%M.%S.%f",
@@ -87,12 +89,15 @@ _ZONE_HOURS = {"utc": 0, "gmt": 0, "z": 0, "cet": 1, "mez": 1, "cest": 2, "mesz"
 _PERIODS_S = (604_800.0, 86_400.0)
 """Times that start again: those of the week of GPS, and of the day, s."""
 
-_CLOCK_FORMATS = ("%H:%M:%S.%f", "%H:%M:%S")
+_CLOCK_FORMATS = ("%H:%M:%S.%f", "%H:%M:%S", "%I:%M:%S.%f %p", "%I:%M:%S %p")
+_CLOCK = r"\d{1,2}:\d{1,2}(:\d{1,2}(\.\d+)?)?( ?[AaPp][Mm])?"
+"""A time of day."""
 _WHOLE_SECONDS = re.compile(r"(?<=\d:\d{2}:\d{2})(?=$| ?[AaPp][Mm]$)")
 """The end of a time without decimals."""
 _DURATION = r"(?:(-?\d+) days?[,.]? ?)?\+?(\d{1,2}):(\d{2}):(\d{2}(?:\.\d+)?)"
 """A time since a zero of its own, as pandas and Python write it: ``0 days 00:00:00.005``."""
-_COLON_BEFORE_MS = re.compile(r"(\d:\d{2}:\d{2}):(\d{3})$")
+_COLON_BEFORE_MS = re.compile(r"(\d:\d{1,2}:\d{1,2}):(\d{1,3})$")
+_THREE_DIGITS = re.compile(r":\d{3}$")
 _LEAST_RANGE = 256
 """That of a counter of 8 bit: what starts again after less may as well be a vehicle that turns round."""
 _FASTER = 3.0
@@ -441,7 +446,9 @@ def _unwrapped_to_and_fro(count: Array) -> Array | None:
 
 def _textual(text: pd.Series, notation: TimeNotation, label: str, first_row: int) -> Times:
     if notation.format is None:
-        text = text.str.replace(",", ".", regex=False).str.replace(_COLON_BEFORE_MS, r"\1.\2", regex=True)
+        text = text.str.replace(",", ".", regex=False)
+        if text.str.contains(_THREE_DIGITS).any():  # else they may be frames
+            text = text.str.replace(_COLON_BEFORE_MS, _with_point, regex=True)
         text, ahead_ns = _without_zones(text)
     else:
         ahead_ns = None
@@ -450,7 +457,7 @@ def _textual(text: pd.Series, notation: TimeNotation, label: str, first_row: int
         return _of_the_hour(text, label, first_row)
     if notation.format is None and are_durations(text.iloc[:100]):
         return _durations(text, label, first_row)
-    clock = notation.format is None and text.iloc[:100].str.fullmatch(r"\d{1,2}:\d{2}(:\d{2}(\.\d+)?)?").all()
+    clock = notation.format is None and text.iloc[:100].str.fullmatch(_CLOCK).all()
     formats = (notation.format,) if notation.format else _CLOCK_FORMATS if clock else _DATE_FORMATS
     parsed, notes = None, tuple[str, ...]()
     for form in formats:
@@ -473,6 +480,11 @@ def _textual(text: pd.Series, notation: TimeNotation, label: str, first_row: int
         return Times(parsed.astype("datetime64[ns]").astype(np.int64).to_numpy(), None, notes=notes)
     ns = parsed.astype("datetime64[ns]").astype(np.int64).to_numpy()
     return Times(_as_utc(ns, notation.zone, label) if ahead_ns is None else ns - ahead_ns, None, notes=notes)
+
+
+def _with_point(match: re.Match[str]) -> str:
+    """Return a time with its milliseconds, which may have lost their zeros in front, behind a point."""
+    return f"{match[1]}.{match[2]:0>3}"
 
 
 def _with_decimals(text: pd.Series) -> pd.Series:

@@ -38,6 +38,21 @@ _BY_CONTENT: tuple[tuple[re.Pattern[bytes], str, str], ...] = (
         "a capture of a network (pcap)",
         "export its decoded values as CSV",
     ),
+    (
+        re.compile(rb"\s*\(\d+\.\d+\)\s+\w+\s+[0-9A-Fa-f]+(#|\s+\[\d+\])[^:]*$", re.MULTILINE),
+        "a log of raw CAN frames, of candump",
+        "cantools decodes it by its DBC: cantools decode --single-line FILE.dbc < FILE.log > decoded.txt; import that",
+    ),
+    (
+        re.compile(rb"date [^\n]*\r?\n\s*base (hex|dec)"),
+        "a log of raw CAN frames, of Vector (.asc)",
+        "python-can and cantools decode it to CSV, or asammdf to MDF",
+    ),
+    (
+        re.compile(rb";\$FILEVERSION="),
+        "a log of raw CAN frames, of PEAK (.trc)",
+        "python-can and cantools decode it to CSV, or asammdf to MDF",
+    ),
     (re.compile(rb"SQLite format 3\x00"), "a SQLite database", "give it the suffix .db or .sqlite"),
     (re.compile(rb"PAR1"), "a Parquet file", "give it the suffix .parquet"),
     (re.compile(rb"\x28\xb5\x2f\xfd"), "a file compressed by Zstandard", "unpack it: zstd -d"),

@@ -42,6 +42,11 @@ _COUNTS = re.compile(
 """What stands in the place of a counter's unit."""
 _SAYS_NOTHING = re.compile(r"data|values?|log|samples|raw|output|export|sheet\d*|tabelle\d*", re.IGNORECASE)
 """Names of files that say nothing of what is in them."""
+_COUNT = r"(?:LSB|count|digit|bit)s?"
+_NUMBER = r"\d+(?:\.\d*)?(?:[eE][+-]?\d+)?"
+_UNIT_OF_A_COUNT = re.compile(rf"{_NUMBER}\s?[^\s\d]\S*?\s?(?:/|per)\s?{_COUNT}\b", re.IGNORECASE)
+_COUNTS_OF_A_UNIT = re.compile(rf"({_NUMBER})\s?{_COUNT}\s?(?:/|per)\s?(\S+)", re.IGNORECASE)
+"""What remarks say of one count, and how many counts they say that a unit has."""
 _GRAVITY_BAND = (0.8, 1.2)
 """Median specific force of a vehicle on a track, g, with scale and bias of the worst sensors."""
 _FASTEST_TURN_DEG = 0.5
@@ -125,8 +130,34 @@ def triples(table: SourceTable, kind: InertialKind) -> list[Triple]:
     for axes in groups.values():
         if len(axes) == 3:
             columns = (axes["x"], axes["y"], axes["z"])
-            out.append(Triple(table, columns, *_unit(table, columns, kind)))
+            out.append(triple_of(table, columns, kind))
     return out
+
+
+def nameless_triples(table: SourceTable) -> list[tuple[str, str, str]]:
+    """Return the columns x, y, z of triples whose names say no more than their axes: of no quantity that is known."""
+    groups: dict[str, dict[str, str]] = {}
+    for name in table.columns:
+        axis, rest = axis_and_rest(name)
+        plain = axis is not None and kind_in(table, name) is None and not is_other(full_name(table, name))
+        if axis is not None and plain and pd.api.types.is_numeric_dtype(table.frame[name]):
+            groups.setdefault(rest, {})[axis] = name
+    return [(axes["x"], axes["y"], axes["z"]) for axes in groups.values() if len(axes) == len("xyz")]
+
+
+def triple_of(table: SourceTable, columns: tuple[str, str, str], kind: InertialKind) -> Triple:
+    """Return columns x, y, z of a table as a sensor's, with the unit that the source states or the values show."""
+    return Triple(table, columns, *_unit(table, columns, kind))
+
+
+def keeps_gravity(triple: Triple) -> bool:
+    """Return whether nearly all vectors are as long as gravity in a usual unit: rates seldom are, or as even."""
+    lengths = np.linalg.norm(triple.values(), axis=0)
+    factor = factor_of(triple.unit, "acceleration")
+    if factor is None or not lengths.size:
+        return False
+    low, high = np.quantile(lengths, (0.1, 0.9)) * factor / STANDARD_GRAVITY
+    return bool(_GRAVITY_BAND[0] < low and high < _GRAVITY_BAND[1])
 
 
 def has_gravity(triple: Triple) -> bool:
@@ -192,10 +223,9 @@ def _are_counts(values: np.ndarray) -> bool:
 
 
 def _scales(table: SourceTable) -> list[str]:
-    """Return what remarks above the table say of one count: ``8.75 mdps/LSB``."""
-    return re.findall(
-        r"\d+(?:\.\d*)?(?:[eE][+-]?\d+)?\s?[^\s\d]\S*?\s?(?:/|per)\s?(?:LSB|count|digit|bit)s?\b", table.remarks
-    )
+    """Return what remarks above the table say of one count: ``8.75 mdps/LSB``, or inversely ``131 LSB/(deg/s)``."""
+    inverse = ((float(match[1]), match[2].strip("().,;")) for match in _COUNTS_OF_A_UNIT.finditer(table.remarks))
+    return _UNIT_OF_A_COUNT.findall(table.remarks) + [f"{1.0 / count:.9g} {unit}" for count, unit in inverse if count]
 
 
 def first_of(table: SourceTable, kind: str) -> str | None:

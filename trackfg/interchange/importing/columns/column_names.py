@@ -9,13 +9,13 @@ from typing import NamedTuple
 from trackfg.interchange.importing.columns.written_units import QUANTITIES, factor_of
 
 _AXIS = re.compile(
-    r"(?:^|[\s_.\-/])([xyzXYZ])(?:$|[\s_.\-/\[(])|([xyz])(?=$|_|\d|\s)|(?<=[a-z])([XYZ])(?![a-z])|"
-    r"(?<=^[AGWF])([XYZ])$|^([XYZ])(?=[A-Z][a-z])|(?<=[\u3040-\u9fff])([XYZ])$"
+    r"(?:^|[\s_.\-/])([xyzXYZ])(?:$|[\s_.\-/\[(])|([xz]|(?<!it)y)(?=$|_|\d|\s)|(?<=[a-z])([XYZ])(?![a-z])|"
+    r"(?<=^[AGWF])([XYZ])$|^([XYZ])(?=[A-Z][a-z]|\d$)|(?<=[\u3040-\u9fff])([XYZ])$"
 )
 _NAMED_AXIS = {
-    "x": re.compile(r"roll|wank|longitudinal|\blong?(?=acc)|\blong(?=\W)|l(ä|ae)ngs|in.?line"),
-    "y": re.compile(r"pitch|nick|lateral|\blat(?=acc|\W)|quer"),
-    "z": re.compile(r"yaw|gier|vertical|vertikal|\bvert(?=acc|\W)|hoch"),
+    "x": re.compile(r"roll|wank|longitudinal|\blong?(?=acc)|\blong\b|l(ä|ae)ngs|in.?line"),
+    "y": re.compile(r"pitch|nick|lateral|\blat(?=acc)|\blat\b|quer"),
+    "z": re.compile(r"yaw|gier|vertical|vertikal|\bvert(?=acc)|\bvert\b|hoch"),
 }
 """Axes of a vehicle in words, English and German: of rotation rates, and of forces along the same axes."""
 _BODY_RATES = {"p": "x", "q": "y", "r": "z"}
@@ -40,12 +40,12 @@ _PATTERNS = {
     ),
     "accel": r"acc(?!ur)|g.?force|beschl|acel|specific.?force|dvel|delta.?v|加速度|^load.?factor",
     "speed": (
-        r"speed|geschw|veloc|vitesse|twist.*linear\.x|^v$|^v[\s_\[(]|kmh|km/h|nopeus|速度|车速|^vel$|"
+        r"speed|\bspd\b|geschw|veloc|vitesse|twist.*linear\.x|^v$|^v[\s_\[(]|kmh|km/h|nopeus|速度|车速|^vel$|"
         r"hastighe[td]|snelheid|rychlost|pr[eę]dko[sś][cć]"
     ),
     "count": (
         r"pulse|impuls|^(?!.*(packet|sample|frame|sat|error|message|msg|seq)).*count|"
-        r"ticks|in[ck]rement|\benc(oder)?\b|encoder|tacho|zähl"
+        r"ticks|in[ck]rement|\benc(oder)?\b|encoder|drehgeber|tacho|zähl"
     ),
     "distance": r"odo|dist|^weg|wegstrecke|mileage|走行距離",
     "balise": r"(balisen?|rfid|transponder|beacon|tag|epc)[\s_.-]?(id|nr|no|number|nummer|code)?\.?$",

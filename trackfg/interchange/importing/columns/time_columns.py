@@ -43,6 +43,8 @@ _RATE = re.compile(
 
 _DISPLACED = 0.05
 """Share of rows that are earlier than the one before; a time that starts again has fewer."""
+_MEASURED = re.compile(r"header[\s_./]*stamp$")
+"""The time at which a ROS message was measured; others as fine, such as ``%time``, say when it was received."""
 _COARSER = 2
 """A number that has less than half as many values as a date beside it is the time of something else, as of a phone's
 last position."""
@@ -52,8 +54,8 @@ def time_columns(table: SourceTable) -> tuple[str, ...] | None:
     """Return the column of the time, or those of date and time of day; None where none is found.
 
     A date that was put together of its parts is preferred, then a column whose name means a time, of several the finest
-    one, a number rather than a text as fine; else the first whose cells are dates with a time of day; else the first
-    that grows steadily and does not count samples.
+    one, a number rather than a text as fine, and that of the measurement rather than of its receipt; else the first
+    whose cells are dates with a time of day; else the first that grows steadily and does not count samples.
     """
     if COMPOSED in table.columns:
         return (COMPOSED,)
@@ -68,7 +70,7 @@ def time_columns(table: SourceTable) -> tuple[str, ...] | None:
             return (text[1], text[0])
     numeric = [name for name in named if name not in text and _grows(table.numbers(name))]
     if numeric:
-        finest = max(numeric, key=lambda name: _resolution(table.numbers(name)))
+        finest = max(numeric, key=lambda name: (_resolution(table.numbers(name)), bool(_MEASURED.search(name))))
         dates = [name for name in text if are_dates(table.frame[name])]
         coarse = bool(dates) and _COARSER * _resolution(table.numbers(finest)) < table.frame[dates[0]].nunique()
         return (dates[0] if coarse else finest,)

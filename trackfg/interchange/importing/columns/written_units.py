@@ -102,6 +102,18 @@ _COUNT = re.compile(r"\s?(?:/|per)\s?(?:lsb|counts?|digits?|bits?|ticks?|increme
 """What a sample's last bit is called: ``mg/LSB``."""
 
 
+QUANTITY_CELL = r"^([+\-\u2212]?(?:\d+(?:[.,]\d*)?|[.,]\d+)(?:[eE][+-]?\d+)?)\s?([^\d\s.,;:+\-]\S*(?: [^\d\s]\S*)?)$"
+"""The number of a cell, with a decimal point or comma, and what stands behind it."""
+
+
+def number_and_unit(cell: str) -> tuple[str, str] | None:
+    """Return the number of a cell and the unit behind it, as they are written; None where it is not such a cell."""
+    match = re.match(QUANTITY_CELL, cell.strip())
+    if match is None or all(factor_of(match[2], quantity) is None for quantity in QUANTITIES):
+        return None
+    return match[1], match[2]
+
+
 @lru_cache(maxsize=4096)
 def factor_of(text: str, quantity: Quantity) -> float | None:
     """Return the factor that turns values in a written unit into SI; None where it is no unit of that quantity."""

@@ -15,11 +15,14 @@ from trackfg.interchange.importing.columns.column_meaning import (
     InertialKind,
     Triple,
     has_gravity,
+    keeps_gravity,
     kind_in,
+    nameless_triples,
+    triple_of,
     triples,
 )
 from trackfg.interchange.importing.columns.plan_columns import plan_columns
-from trackfg.interchange.importing.proposals.questions import Ask, Proposal, Question, asked_unit
+from trackfg.interchange.importing.proposals.questions import Ask, Proposal, Question, asked, asked_unit
 from trackfg.interchange.importing.source_table import SourceTable
 
 _SLOW_COPY = 0.5
@@ -46,6 +49,8 @@ def propose_imu(proposal: Proposal, tables: Sequence[SourceTable], ask: Ask) -> 
             "the acceleration is without gravity, which roll and pitch need; expected the specific force "
             "(total acceleration). Hint: switch on the accelerometer itself, not the linear or user acceleration"
         )
+    if gyro is None and accel is None:
+        gyro, accel = _of_nameless(proposal, tables, ask)
     if gyro is None or accel is None:
         lacking = [name for name, triple in (("gyro", gyro), ("accelerometer", accel)) if triple is None]
         for table in tables:
@@ -92,12 +97,47 @@ def _chosen(tables: Sequence[SourceTable], kind: InertialKind, ask: Ask, beside:
         candidates = [triple for triple, value in zip(candidates, alike, strict=True) if value == max(alike)]
     if len(candidates) < 2:
         return next(iter(candidates), None)
-    names = [f"{triple.table.name}:{triple.columns[0]}" for triple in candidates]
-    same = {triple.table.name for triple in candidates}
-    names = [triple.columns[0] for triple in candidates] if len(same) == 1 else names
+    names = _x_axes([(triple.table, triple.columns) for triple in candidates])
     sensor = "gyro" if kind == "gyro" else "accelerometer"
     question = Question(f"imu.{kind}", f"Which {sensor} is to be used (its x axis)?", names[0], tuple(names))
     return candidates[names.index(ask(question))]
+
+
+def _of_nameless(proposal: Proposal, tables: Sequence[SourceTable], ask: Ask) -> tuple[Triple | None, Triple | None]:
+    """Return gyro and accelerometer among columns that are named after axes alone: the one of two that keeps gravity is
+    the accelerometer. What does not show is asked. None for both where there are no two such triples.
+    """
+    unnamed = [(table, columns) for table in tables for columns in nameless_triples(table)]
+    if len(unnamed) < 2:
+        return None, None
+    names = _x_axes(unnamed)
+    with_gravity = [i for i, one in enumerate(unnamed) if keeps_gravity(triple_of(*one, "accel"))]
+    if len(with_gravity) == 1:
+        accel = with_gravity[0]
+        proposal.reasons["imu.accel"] = "the names are those of axes alone: gravity shows it"
+    else:
+        accel = names.index(_which(ask, "accel", names, "the length of gravity does not show it"))
+    others = [i for i in range(len(unnamed)) if i != accel]
+    if len(others) == 1:
+        gyro = others[0]
+        proposal.reasons["imu.gyro"] = "the names are those of axes alone: it is the other one"
+    else:
+        rest = [names[i] for i in others]
+        gyro = others[rest.index(_which(ask, "gyro", rest, "there are several besides the accelerometer"))]
+    return triple_of(*unnamed[gyro], "gyro"), triple_of(*unnamed[accel], "accel")
+
+
+def _which(ask: Ask, key: str, names: Sequence[str], why: str) -> str:
+    sensor = "gyro" if key == "gyro" else "accelerometer"
+    text = f"Which columns are those of the {sensor}, by their x axis? The names do not say it, and {why}"
+    expected = f"one of {', '.join(names)}"
+    return asked(ask, Question(f"imu.{key}", text, "", tuple(names), lambda name: name in names, expected=expected))
+
+
+def _x_axes(unnamed: Sequence[tuple[SourceTable, tuple[str, str, str]]]) -> list[str]:
+    """Return names for triples of columns: that of the x axis, with the table's where these are in several."""
+    one_table = len({table.name for table, _ in unnamed}) == 1
+    return [columns[0] if one_table else f"{table.name}:{columns[0]}" for table, columns in unnamed]
 
 
 def _likeness(triple: Triple, other: Triple) -> tuple[bool, int]:

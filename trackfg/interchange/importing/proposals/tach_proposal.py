@@ -17,6 +17,7 @@ from trackfg.interchange.importing.columns.plan_columns import plan_columns
 from trackfg.interchange.importing.columns.time_columns import is_sample_counter, time_columns
 from trackfg.interchange.importing.columns.written_units import factor_of, unit_in
 from trackfg.interchange.importing.proposals.questions import Ask, Proposal, Question, asked_number, asked_unit
+from trackfg.interchange.importing.pulse_levels import are_levels
 from trackfg.interchange.importing.source_table import ROW_NUMBER, SourceTable
 from trackfg.interchange.importing.times import TimeNotation, read_times
 from trackfg.interchange.importing.wheel_count import unwrapped_count
@@ -24,6 +25,8 @@ from trackfg.numerics.chainage.passes import only_falls
 
 _WHEEL = re.compile(r"wheel|rad(?!ar|ius)|axle|achse|tach|odo")
 """Names of speeds that no GNSS receiver gives."""
+_RECEIVERS = re.compile(r"gps|gnss")
+"""Names of speeds and distances of a satellite receiver, which no wheel gives."""
 _PHONES = re.compile(r"pedomet|proximity")
 """Names of distances that other sensors of a phone give: that of its steps, and that to what is before its screen."""
 _TURNS = 0.3
@@ -69,6 +72,8 @@ def _candidates(tables: Sequence[SourceTable], kind: str) -> list[tuple[SourceTa
         times, plan = time_columns(table) or (), plan_columns(table)
         names = [name for name in table.columns if kind_in(table, name) == kind and _is_scalar(table, name)]
         names = [name for name in names if name not in times and not _turns_otherwise(table, name)]
+        if kind == "count":  # one that stays is of something else, or of a wheel at rest
+            names = [name for name in names if not _is_constant(table.frame[name]) or _is_one(table.frame[name])]
         of_wheel = [name for name in names if _WHEEL.search(name.casefold())]
         if len(names) > 1 and not of_wheel and plan is not None:
             names.sort(key=lambda name: not _changes_between_positions(table, name, plan))
@@ -113,6 +118,10 @@ def _is_constant(column: pd.Series) -> bool:
     return bool((column.dropna() == column.iloc[0]).all())
 
 
+def _is_one(column: pd.Series) -> bool:
+    return bool((column.dropna() == 1).all())
+
+
 def _of_falls(proposal: Proposal, table: SourceTable, section: dict[str, Any]) -> dict[str, Any]:
     """Return the keys of a count or a distance that falls: of each row's own, or of a wheel that also turns back.
 
@@ -122,7 +131,7 @@ def _of_falls(proposal: Proposal, table: SourceTable, section: dict[str, Any]) -
     name = section["column"]
     values = table.numbers(name)
     finite = values[np.isfinite(values)]
-    if section["kind"] == "pulses" and _are_levels(finite):
+    if section["kind"] == "pulses" and are_levels(finite):
         proposal.reasons["tach.levels"] = f"{name} is 0 or 1 for several rows in turn: its rises are counted"
         return {"levels": True}
     going_on = unwrapped_count(finite)
@@ -145,19 +154,6 @@ def _of_falls(proposal: Proposal, table: SourceTable, section: dict[str, Any]) -
     return {}
 
 
-def _are_levels(values: np.ndarray) -> bool:
-    """Return whether values (n,) are the levels of a pulse signal, 0 or 1, for several rows each.
-
-    Of pulses that are counted in each row ones stand alone, or where there are more than one in two rows, zeros.
-    """
-    if not np.isin(values, (0.0, 1.0)).all():
-        return False
-    runs = np.diff(np.flatnonzero(np.diff(values) != 0.0))
-    longer = np.maximum(runs[:-2], runs[2:])  # of two with the same value: few rows a pulse make runs of 1 and 2
-    shorter = np.minimum(longer[:-1], longer[1:])
-    return shorter.size >= _FEWEST_CHANGES and float(np.median(shorter)) >= 2.0
-
-
 def _can_be_of_each_row(table: SourceTable, section: dict[str, Any], values: np.ndarray) -> bool:
     """Return whether a vehicle could roll that much from each row to the next."""
     columns = [section["time"]] if isinstance(section["time"], str) else section["time"]
@@ -175,10 +171,13 @@ def _can_be_of_each_row(table: SourceTable, section: dict[str, Any], values: np.
 
 
 def _is_scalar(table: SourceTable, name: str) -> bool:
-    """Return whether a column holds numbers of a wheel: no part of a vector, as a velocity is, no count of samples."""
+    """Return whether a column holds numbers of a wheel: no part of a vector, as a velocity is, no count of samples, and
+    nothing of a receiver or of a phone's other sensors.
+    """
     is_number = pd.api.types.is_numeric_dtype(table.frame[name])
-    is_phones = _PHONES.search(f"{stem_of(table.name)} {name}".casefold()) is not None
-    return is_number and not (is_phones or has_axes_beside(table, name) or is_sample_counter(table, name))
+    folded, of_table = name.casefold(), stem_of(table.name).casefold()
+    is_others = _PHONES.search(f"{of_table} {folded}") is not None or _RECEIVERS.search(folded) is not None
+    return is_number and not (is_others or has_axes_beside(table, name) or is_sample_counter(table, name))
 
 
 def _diameter(ask: Ask) -> float:

@@ -6,6 +6,7 @@ import re
 from collections.abc import Sequence
 from dataclasses import replace
 
+import numpy as np
 import pandas as pd
 
 from trackfg.interchange.importing.columns.column_meaning import stem_of
@@ -17,6 +18,14 @@ _SENSOR = re.compile(
 )
 """Names of columns that say which sensor a row is of."""
 _VALUE = re.compile(r"^(value|wert|data|val|reading)s?([\s_(\[].*)?$", re.IGNORECASE)
+_INSTANCE = re.compile(
+    r"^(i|inst(ance)?|imu|(sensor|device|source|imu|node|unit)[\s_.]?(id|nr|no|number|index))$", re.IGNORECASE
+)
+"""Names of columns with the numbers of sensors that write their rows in turn."""
+_IN_TURN = 0.05
+"""Share of the rows that are another sensor's than the row before: sensors write one row each in turn, or packets of up
+to 20. What changes more seldom is a state of the whole table.
+"""
 _MOST_SENSORS = 50
 """Sensors of a log whose rows say which one they are of."""
 
@@ -24,7 +33,7 @@ _MOST_SENSORS = 50
 def by_sensor(table: SourceTable) -> list[SourceTable]:
     """Return a table for each sensor, with the columns that it fills, where a column says which one a row is of."""
     for name in table.columns:
-        if not _SENSOR.match(name.strip()) or not pd.api.types.is_string_dtype(table.frame[name]):
+        if not _says_sensor(name, table.frame[name]):
             continue
         sensors = table.frame[name].astype("string").str.strip()
         kinds = [str(kind) for kind in sensors.dropna().unique()]
@@ -41,6 +50,15 @@ def by_sensor(table: SourceTable) -> list[SourceTable]:
             for kind, columns in filled.items()
         ]
     return [table]
+
+
+def _says_sensor(name: str, column: pd.Series) -> bool:
+    """Return whether a column says which sensor a row is of, by a word or by its number."""
+    if pd.api.types.is_string_dtype(column):
+        return _SENSOR.match(name.strip()) is not None
+    if not _INSTANCE.match(name.strip()) or not pd.api.types.is_integer_dtype(column):
+        return False
+    return bool((np.diff(column.to_numpy()) != 0).mean() > _IN_TURN) if len(column) > 1 else False
 
 
 def with_joined_channels(tables: Sequence[SourceTable]) -> list[SourceTable]:

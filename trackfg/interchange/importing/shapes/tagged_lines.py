@@ -17,6 +17,8 @@ from trackfg.interchange.importing.text_dialect import EMPTY_CELLS, header_of
 _TAGGED = re.compile(r"([A-Za-z][A-Za-z_]\w*)([,;\t|])\s*[-+.\dA-Za-z]")
 _SENTENCE = re.compile(r"\$(G[A-Z]|BD|QZ)[A-Z]{3},")
 """NMEA: the talker and the sentence."""
+_NAME = re.compile(r"[^\W\d]\w*( ?[(\[].*[)\]])?")
+"""The name of a cell, perhaps with its unit."""
 _HEAD_BYTES = 200_000
 _SHARE = 0.8
 """Of the lines that are no remarks and no sentences, so many begin with a tag."""
@@ -54,12 +56,13 @@ def _head(path: Path) -> list[str]:
 
 
 def read_tagged(path: Path, delimiter: str) -> Sequence[SourceTable]:
-    """Return a table for each tag. Names are those of a remark that lists the cells of such a line, else c1, c2, ...
+    """Return a table for each tag. Names are those of a line that lists the cells of such lines, else c1, c2, ...: of a
+    remark, or one such as ``FMT, 131, 43, IMU, Qfff, TimeUS,GyrX,GyrY,GyrZ``.
 
     Lines with another number of cells than most of their kind are left out, with a note.
     """
     kinds = {tag: _Kind(width) for tag, width in _widths(path, delimiter).items()}
-    remarks: list[str] = []
+    remarks, listed = list[str](), _lists_of_names(path, delimiter)
     with path.open(encoding="utf-8", errors="replace") as stream:
         for number, line in enumerate(stream, start=1):
             match = _TAGGED.match(line)
@@ -70,7 +73,7 @@ def read_tagged(path: Path, delimiter: str) -> Sequence[SourceTable]:
     tables = []
     for tag, kind in kinds.items():
         if kind.lines > 1:
-            names, units = _names(tag, delimiter, kind.width, remarks)
+            names, units = _names(tag, delimiter, kind.width, [*remarks, *listed])
             name, remark = f"{path.name}/{tag}", "".join(remarks)
             note = f"{name}: {kind.left_out} lines with other than {kind.width} cells are left out"
             frame, notes = kind.frame(delimiter, names), (note,) if kind.left_out else ()
@@ -105,6 +108,12 @@ class _Kind:
         return frame
 
 
+def _parted(line: str, delimiter: str, width: int) -> tuple[list[str], list[str]]:
+    """Return the cells of a line before the last ``width`` ones, and these."""
+    cells = line.split(delimiter)
+    return cells[:-width], cells[-width:]
+
+
 def _widths(path: Path, delimiter: str) -> dict[str, int]:
     """Return the usual number of cells behind each tag."""
     counts: dict[str, Counter[int]] = {}
@@ -115,11 +124,15 @@ def _widths(path: Path, delimiter: str) -> dict[str, int]:
     return {tag: widths.most_common(1)[0][0] for tag, widths in counts.items()}
 
 
-def _names(tag: str, delimiter: str, width: int, remarks: list[str]) -> tuple[tuple[str, ...], dict[str, str]]:
-    for remark in remarks:
-        begin = remark.find(tag + delimiter)
-        if begin >= 0:
-            cells = [cell.strip(" '\"\r\n\t") for cell in remark[begin:].split(delimiter)][1:]
-            if len(cells) == width:
-                return header_of([cells, [""] * width], 1, width, None)
+def _lists_of_names(path: Path, delimiter: str) -> list[str]:
+    """Return the lines at the start of a text that end in names, and are no lines of data."""
+    return [line for line in _head(path) if _NAME.fullmatch(line.rpartition(delimiter)[2].strip())]
+
+
+def _names(tag: str, delimiter: str, width: int, lines: Sequence[str]) -> tuple[tuple[str, ...], dict[str, str]]:
+    """Return the names of the cells of a tag: those that end a line in which they stand behind the tag."""
+    for line in lines:
+        front, names = ([cell.strip(" '\"\r\n\t%#/!") for cell in part] for part in _parted(line, delimiter, width))
+        if tag in front and all(_NAME.match(cell) for cell in names):
+            return header_of([names, [""] * width], 1, width, None)
     return header_of([[""] * width], 0, width, None)

@@ -7,11 +7,9 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-import pandas as pd
-
 from trackfg.errors import BadInputError, first_line
 from trackfg.interchange.importing.shapes.array_tables import tables_of_arrays
+from trackfg.interchange.importing.shapes.record_table import table_of_records
 from trackfg.interchange.importing.source_format import readable
 from trackfg.interchange.importing.source_table import SourceTable
 
@@ -27,7 +25,7 @@ def read_records(path: Path) -> list[SourceTable]:
         if path.suffix.casefold() == ".json":
             return list(_tables(_content(path.read_text(encoding="utf-8-sig")), path.name, _DEPTH))
         with path.open(encoding="utf-8-sig") as lines:
-            return [_of_records(_records(lines, path.name), path.name)]
+            return [table_of_records(_records(lines, path.name), path.name)]
 
 
 def _content(text: str) -> Any:
@@ -61,7 +59,7 @@ def _tables(content: Any, name: str, depth: int) -> Iterator[SourceTable]:
     """Yield the tables within a value: lists of records, and objects with lists of numbers."""
     if isinstance(content, list):
         if len(content) > 1 and all(isinstance(record, dict) for record in content):
-            yield _of_records(content, name)
+            yield table_of_records(content, name)
         return
     if not isinstance(content, dict) or not depth:
         return
@@ -71,7 +69,7 @@ def _tables(content: Any, name: str, depth: int) -> Iterator[SourceTable]:
         and isinstance(rows, list)
         and all(isinstance(row, list) and len(row) == len(names) for row in rows)
     ):
-        yield _of_records([dict(zip(map(str, names), row, strict=True)) for row in rows], name)
+        yield table_of_records([dict(zip(map(str, names), row, strict=True)) for row in rows], name)
         return
     arrays = {key: value for key, value in content.items() if _are_numbers(value)}
     if arrays:
@@ -88,43 +86,3 @@ def _are_numbers(value: Any) -> bool:
         value if not isinstance(value[0], list) else [cell for row in value if isinstance(row, list) for cell in row]
     )
     return all(isinstance(cell, int | float) for cell in cells)
-
-
-def _of_records(records: Iterable[dict[str, Any]], name: str) -> SourceTable:
-    """Return the table of records, a column for each path within them; what a record has not is empty."""
-    columns: dict[str, list[Any]] = {}
-    rows = 0
-    for i, record in enumerate(records):
-        rows = i + 1
-        for path, value in _cells(record, "", _DEPTH):
-            column = columns.setdefault(path, [])
-            column += [None] * (i - len(column))
-            column.append(value)
-    for column in columns.values():
-        column += [None] * (rows - len(column))
-    if not rows:
-        raise BadInputError(f"{name}: the file is empty; expected a record in each line")
-    return SourceTable(name, pd.DataFrame({path: _column(cells) for path, cells in columns.items()}))
-
-
-def _cells(record: dict[str, Any], prefix: str, depth: int) -> Iterator[tuple[str, Any]]:
-    for key, value in record.items():
-        path = f"{prefix}{key}"
-        if isinstance(value, dict) and depth:
-            yield from _cells(value, f"{path}.", depth - 1)
-        elif isinstance(value, list) and len(value) == 3:
-            yield from ((f"{path}.{axis}", part) for axis, part in zip("xyz", value, strict=True))
-        elif isinstance(value, str | int | float) or value is None:
-            yield path, value
-
-
-def _column(cells: list[Any]) -> pd.Series:
-    filled = [cell for cell in cells if cell is not None]
-    if filled and all(isinstance(cell, int) for cell in filled) and len(filled) == len(cells):
-        return pd.Series(cells, dtype=np.int64) if max(map(abs, filled)) < 2**63 else pd.Series(cells, dtype=np.float64)
-    if all(isinstance(cell, int | float) for cell in filled):
-        return pd.Series(cells, dtype=np.float64)
-    numbers = pd.to_numeric(pd.Series(cells, dtype="string"), errors="coerce")
-    if filled and numbers.notna().sum() == len(filled):  # numbers that were written as text
-        return numbers.astype(np.float64) if len(filled) < len(cells) else numbers
-    return pd.Series([None if cell is None else str(cell) for cell in cells], dtype="string")

@@ -19,7 +19,9 @@ from trackfg.interchange.importing.shapes.channel_tables import by_sensor, with_
 from trackfg.interchange.importing.shapes.continued_files import with_joined_files, without_rowless_parts
 from trackfg.interchange.importing.shapes.long_table import wide_tables
 from trackfg.interchange.importing.shapes.missing_values import without_stand_ins
+from trackfg.interchange.importing.shapes.pair_lines import has_pairs, read_pairs
 from trackfg.interchange.importing.shapes.tagged_lines import delimiter_of_tagged, has_sentences, read_tagged
+from trackfg.interchange.importing.shapes.united_cells import without_units_in_cells
 from trackfg.interchange.importing.source_format import DialectFor
 from trackfg.interchange.importing.source_table import SourceTable
 from trackfg.interchange.importing.sources.columnar import (
@@ -37,6 +39,7 @@ from trackfg.interchange.importing.sources.rtklib import SOLUTION
 from trackfg.interchange.importing.sources.spreadsheet import SPREADSHEETS, read_spreadsheet
 from trackfg.interchange.importing.text_dialect import NoRowsError, in_brackets
 from trackfg.interchange.importing.text_table import read_text
+from trackfg.interchange.importing.unread_formats import unread_format
 
 TEXT_SUFFIXES = (".csv", ".txt", ".tsv", ".dat", ".asc", ".log", ".lvm", ".prn")
 GNSS_LOGS = (".ubx", ".nmea", SOLUTION, TRACK)
@@ -102,11 +105,15 @@ def _read(file: Path, suffix: str, dialect_for: DialectFor) -> list[SourceTable]
         return [_with_units(table) for table in reader(file)]
     if suffix in GNSS_LOGS:
         return [read_positions(file)]
+    if (unread := unread_format(file)) is not None:
+        raise BadInputError(unread)
     options = dialect_for(file.name)
     receiver = _among_lines(file) if has_sentences(file) else []
     delimiter = None if options is not None else delimiter_of_tagged(file)
     if delimiter is not None:
         return [*read_tagged(file, delimiter), *receiver]
+    if options is None and has_pairs(file):
+        return [read_pairs(file), *receiver]
     return [read_text(file, options), *receiver]
 
 
@@ -129,7 +136,7 @@ def _with_units(table: SourceTable) -> SourceTable:
 
 
 def _by_channel(table: SourceTable) -> list[SourceTable]:
-    table = with_whole_dates(table)
+    table = with_whole_dates(without_units_in_cells(table))
     time = time_columns(table)
     wide = wide_tables(table, time[0] if time is not None and len(time) == 1 else None)
     parts = by_sensor(table) if wide[0] is table else wide
