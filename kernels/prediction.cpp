@@ -75,11 +75,13 @@ struct Span {
     }
 };
 
-// The derivative (BIAS, IMU) of the bias by the calibration at no velocity: response_terms() in trackfg.factors.bias.
-void respond(const double *force, const double *rate, const double *power, const Matrix &R, double *out) {
+// The derivative (BIAS, IMU) of the bias by the calibration: response_terms() in trackfg.factors.bias.
+void respond(const double *force, const double *rate, const double *power, const Matrix &R, const Vector &v, double *out) {
     std::fill_n(out, BIAS * IMU, 0.0);
+    const Vector coriolis[2] = {{{0.0, -2.0 * v[2], 2.0 * v[1]}}, {{2.0 * v[2], 0.0, -2.0 * v[0]}}};
     for (int axis = 0; axis < AXES; ++axis) {
         double *accel = out + IMU * axis, *gyro = out + IMU * (AXES + axis);
+        for (int i = 0; i < 2; ++i) accel[EARTH + i] = dot(column(R, axis), coriolis[i]);
         for (int i = 0; i < 2; ++i) {
             gyro[FORCE + 2 * axis + i] = force[i];
             gyro[EARTH + i] = R[i][axis];
@@ -143,13 +145,16 @@ PyObject *predict_interval(PyObject *, PyObject *arguments) {
     const double *t = samples.edges, seconds = span.seconds();
     const NavState nav = values.nav(0);
     double *own_bias = values.value[OF_BIAS], rate[AXES];
+    Vector force;  // less its bias
     for (int axis = 0; axis < AXES; ++axis) {
         means[axis] = span.mean([&](std::ptrdiff_t i) { return samples.accel[AXES * i + axis]; });
         means[AXES + axis] = span.mean([&](std::ptrdiff_t i) { return samples.gyro[AXES * i + axis]; });
         means[2 * AXES + axis] = span.vibration(axis, fast, lasting);
         rate[axis] = means[AXES + axis] - own_bias[AXES + axis];
+        force.x[axis] = means[axis] - own_bias[axis];
     }
-    respond(means, rate, means + 2 * AXES, nav.R, response);
+    const Vector middle = nav.v + 0.5 * seconds * (nav.R * force - Vector{{0.0, 0.0, setting.gravity}});
+    respond(means, rate, means + 2 * AXES, nav.R, middle, response);
     for (int i = 0; i < BIAS; ++i) {
         bias[i] = own_bias[i];
         for (int j = 0; j < IMU; ++j) bias[i] += response[IMU * i + j] * values.value[OF_IMU][j];

@@ -16,6 +16,7 @@ from trackfg.factors.factor_type import FactorType
 from trackfg.graph.build import build_problem
 from trackfg.graph.priors import with_turning_earth
 from trackfg.numerics.geodesy import EARTH_RATE
+from trackfg.results.events import DOUBT
 
 from .conftest import setting_off, streamed
 
@@ -42,3 +43,14 @@ def test_a_line_with_loops_on_the_turning_earth() -> None:
     along = errors["along_track_m"]
     assert np.sqrt(np.mean(along**2)) < 10.0
     assert np.mean(np.abs(along) < 3.0 * errors["along_track_m_sd"]) > 0.95
+
+
+@pytest.mark.slow
+def test_a_latitude_without_a_heading() -> None:
+    """Without the Coriolis force the accelerometer's bias seems to walk, and the pitch errs by two of its sigmas."""
+    plan = replace(setting_off("mainline", 20.0), balises=None, effects=(effect("earth-no-heading", 35.0),))
+    run = simulate(plan, seed=2, duration_s=600.0)
+    out = streamed(run.recording, lag_s=20.0, batch_s=5.0, config=SmoothConfig())
+    assert not any(event.kind == DOUBT for event in out.events)
+    errors = trajectory_errors(out.smoothed, run.truth)
+    assert np.sqrt(np.mean((errors["pitch_mrad"] / errors["pitch_mrad_sd"]) ** 2)) < 1.5

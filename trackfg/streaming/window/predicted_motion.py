@@ -12,6 +12,7 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 
+from trackfg.factors.bias import response_terms
 from trackfg.factors.family import Family
 from trackfg.factors.imu import Preintegration, PreintegrationNoise
 from trackfg.factors.path import LEAST_TURN
@@ -90,7 +91,7 @@ def _by_arrays(
 ) -> PredictedMotion:
     standing = _path(data, rpy_from_matrix(newest.nav.R), newest.bias, np.zeros(2))
     inputs = _inputs(context, data, edges, replace(NoiseFloor.of(data), at_rest=at_rest), standing, None)
-    response = inputs.response[0]
+    response = _response(inputs, newest)
     start = replace(newest, bias=newest.bias + response @ newest.imu[0])
     measured = preintegrated(inputs, start.joined(start), speedless=False)[0]
     nav = measured.predicted(start.nav, start.bias[0])
@@ -107,6 +108,15 @@ def _by_arrays(
     return PredictedMotion(
         context, lambda: inputs, inputs.t, start, response, measured, nav, distance, families, rolling
     )
+
+
+def _response(inputs: GraphInputs, newest: States) -> Array:
+    """Return the derivative of the bias by the calibration (6, IMU), at the velocity in the middle of the interval."""
+    force = newest.nav.R @ (inputs.mean_accel - newest.bias[:, :3])[..., None]
+    gained = inputs.durations[:, None] * (force[..., 0] - [0.0, 0.0, inputs.world.gravity])
+    velocity = newest.nav.v + 0.5 * gained
+    terms = response_terms(inputs.mean_accel, inputs.mean_rate, inputs.vibration, newest.nav.R, velocity)
+    return np.asarray(terms[0])
 
 
 def _by_kernel(
