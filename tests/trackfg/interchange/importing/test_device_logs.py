@@ -378,6 +378,22 @@ def test_the_time_of_a_measurement_comes_before_that_of_its_receipt(
     np.testing.assert_allclose(recording.imu["t_s"], drive.t, atol=1e-6)
 
 
+def test_a_speed_named_after_gps_is_the_receiver_s_without_positions(
+    drive: Drive, tmp_path: Path, imported: Import
+) -> None:
+    head = "t_s,gx_rad/s,gy_rad/s,gz_rad/s,ax_m/s2,ay_m/s2,az_m/s2,GPS speed (km/h)"
+    held = np.interp(np.floor(drive.t), drive.t, drive.speed)
+    rows = [",".join(f"{v:.7f}" for v in (*row[:7], 3.6 * v)) for row, v in zip(_values(drive), held, strict=True)]
+    recording = _recording(imported(_lines(tmp_path / "log.csv", [head, *rows])))
+    assert recording.tach is None
+    speeds = recording.others["gnss_speed"]
+    moving = speeds["speed_mps"] > 1.0
+    np.testing.assert_allclose(
+        speeds["speed_mps"][moving], np.interp(speeds["t_s"][moving], drive.t, drive.speed), atol=1e-3
+    )
+    assert len(speeds) <= drive.t[-1] + 1
+
+
 def test_frames_of_a_film_are_no_milliseconds() -> None:
     table = SourceTable("t.csv", pd.DataFrame({"t": ["03:12:00:23", "03:12:00:24"]}))
     with pytest.raises(BadInputError, match="no time in a known notation"):

@@ -61,7 +61,8 @@ def settle_by_force(proposal: Proposal, tables: Sequence[SourceTable], ask: Ask)
         estimates = estimates_of(_recording(proposal, tables))
     _settle_rate(proposal, estimates)
     if (scale := estimates.receiver_speed_scale) is not None:
-        _rescale(proposal, "gnss_speed.unit", scale.scale, "the positions are as fast")
+        by = "wheel is" if recording.gnss is None else "positions are"
+        _rescale(proposal, "gnss_speed.unit", scale.scale, f"the {by} as fast")
     for key, text in proposal.assumed.items():
         section, _, name = key.partition(".")
         part = proposal.sections[section]

@@ -1,4 +1,4 @@
-"""Which column is the receiver's own speed, and which its accuracy: beside its positions."""
+"""Which column is the receiver's own speed, and which its accuracy: beside its positions, else by its name."""
 
 from __future__ import annotations
 
@@ -21,6 +21,8 @@ _ACCURACY = re.compile(
 """Names of a speed's accuracy; u-blox calls it ``sAcc``."""
 _OF_A_RECEIVER = re.compile(r"gps|gnss|ground|sog|gspeed|location")
 """Names that only a receiver's speed has."""
+NAMED_AFTER_RECEIVERS = re.compile(r"gps|gnss")
+"""Names of speeds and distances that no wheel gives."""
 _OTHER = re.compile(
     r"wheel|rad(?!ar|ius)|axle|achse|tach|odo|obd|ecu|\bcan\b|vert|climb|wind|limit|max|avg|mean|target|engine|rpm"
 )
@@ -30,20 +32,27 @@ _KNOWN = 0.5
 
 
 def propose_receiver_speed(proposal: Proposal, tables: Sequence[SourceTable]) -> None:
-    """Add the section of the receiver's speeds where the table of its positions has some."""
+    """Add the section of the receiver's speeds where the table of its positions has some, or without positions a table
+    has a speed that is named after GPS or GNSS.
+    """
     gnss = proposal.sections.get("gnss", {})
-    table = next((table for table in tables if table.name == gnss.get("file")), None)
-    if table is None:
-        return
+    for table in tables:
+        if table.name == gnss.get("file", table.name) and _add_speed(proposal, table, gnss):
+            return
+
+
+def _add_speed(proposal: Proposal, table: SourceTable, gnss: dict[str, Any]) -> bool:
+    """Add the section of a table's speeds, beside that of positions if there is one; return whether it has any."""
     used = proposal.sections.get("tach", {}).get("column")
     numbers = [name for name in table.columns if name != used and pd.api.types.is_numeric_dtype(table.frame[name])]
     accuracies = [name for name in numbers if _ACCURACY.search(name.casefold())]
     names = [name for name in numbers if name not in accuracies and _is_speed(table, name)]
+    names = names if gnss else [name for name in names if NAMED_AFTER_RECEIVERS.search(name.casefold())]
     name = next((one for one in names if _OF_A_RECEIVER.search(one.casefold())), next(iter(names), None))
     if name is None or not (table.numbers(name) > 0.0).any():  # a phone writes -1 where it knows none
-        return
+        return False
     clock = {key: gnss[key] for key in gnss if key.startswith(("time", "tick", "wraps", "valid"))}
-    section: dict[str, Any] = {"file": table.name, **clock, "column": name}
+    section: dict[str, Any] = {"file": table.name, **(clock or proposal.times_of(table)), "column": name}
     unit = unit_in(table.units.get(name) or name, "speed")
     if unit is None:
         proposal.assumed["gnss_speed.unit"] = f"Unit of {name}"
@@ -54,6 +63,7 @@ def propose_receiver_speed(proposal: Proposal, tables: Sequence[SourceTable]) ->
     else:
         proposal.reasons["gnss_speed.unit"] = f"sigmas of {RECEIVER_SPEED_SD_MPS:g} m/s are assumed (sd_mps)"
     proposal.sections["gnss_speed"] = section
+    return True
 
 
 def _is_speed(table: SourceTable, name: str) -> bool:

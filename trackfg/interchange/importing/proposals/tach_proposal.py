@@ -17,6 +17,7 @@ from trackfg.interchange.importing.columns.plan_columns import plan_columns
 from trackfg.interchange.importing.columns.time_columns import is_sample_counter, time_columns
 from trackfg.interchange.importing.columns.written_units import factor_of, unit_in
 from trackfg.interchange.importing.proposals.questions import Ask, Proposal, Question, asked_number, asked_unit
+from trackfg.interchange.importing.proposals.receiver_speed_proposal import NAMED_AFTER_RECEIVERS
 from trackfg.interchange.importing.pulse_levels import are_levels
 from trackfg.interchange.importing.source_table import ROW_NUMBER, SourceTable
 from trackfg.interchange.importing.times import TimeNotation, read_times
@@ -25,8 +26,6 @@ from trackfg.numerics.chainage.passes import only_falls
 
 _WHEEL = re.compile(r"wheel|rad(?!ar|ius)|axle|achse|tach|odo")
 """Names of speeds that no GNSS receiver gives."""
-_RECEIVERS = re.compile(r"gps|gnss")
-"""Names of speeds and distances of a satellite receiver, which no wheel gives."""
 _PHONES = re.compile(r"pedomet|proximity")
 """Names of distances that other sensors of a phone give: that of its steps, and that to what is before its screen."""
 _TURNS = 0.3
@@ -176,7 +175,7 @@ def _is_scalar(table: SourceTable, name: str) -> bool:
     """
     is_number = pd.api.types.is_numeric_dtype(table.frame[name])
     folded, of_table = name.casefold(), stem_of(table.name).casefold()
-    is_others = _PHONES.search(f"{of_table} {folded}") is not None or _RECEIVERS.search(folded) is not None
+    is_others = _PHONES.search(f"{of_table} {folded}") is not None or NAMED_AFTER_RECEIVERS.search(folded) is not None
     return is_number and not (is_others or has_axes_beside(table, name) or is_sample_counter(table, name))
 
 
