@@ -479,3 +479,18 @@ def test_init_refuses_a_place_where_nothing_can_be_written_before_it_asks(answer
         assert (done.returncode, done.stdout) == (2, "")
         assert reason in done.stderr
     assert not (tmp_path / "run.mapping.toml").exists()
+
+
+@pytest.mark.parametrize("answer", ["AngularRateX", "angular", "UncompGyroX"])
+def test_a_column_is_chosen_by_its_name_or_its_beginning_whatever_its_capitals(answered, tmp_path, answer):
+    imu = simulate("trolley", seed=1, duration_s=80.0).recording.imu.iloc[::4]
+    table = pd.DataFrame({"t_s": imu["t_s"].round(3)})
+    for name, first in (("UncompGyro", 1), ("AngularRate", 1), ("Accel", 4)):
+        for i, axis in enumerate("XYZ"):
+            table[f"{name}{axis}"] = imu.iloc[:, first + i]
+    table.to_csv(tmp_path / "log.csv", index=False)
+    answers = f"{answer}\n\n\n\nFLU\nrad/s\n"
+    done = answered("init", tmp_path / "log.csv", "-o", tmp_path / "run", answers=answers)
+    assert done.returncode == 0, done.stderr
+    gyro = tomllib.loads((tmp_path / "run.mapping.toml").read_text())["imu"]["gyro"]
+    assert gyro[0] == ("AngularRateX" if answer.startswith(("A", "a")) else "UncompGyroX")
