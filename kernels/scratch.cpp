@@ -44,7 +44,7 @@ constexpr std::size_t BLOCK = std::size_t{1} << 24;      // bytes that no array 
 constexpr std::size_t RESERVED = std::size_t{1} << 38;   // addresses for the file, bytes: 256 GiB
 constexpr std::size_t GROWTH = std::size_t{64} << 20;    // bytes that the file grows by at least
 constexpr std::size_t PAGE = std::size_t{1} << 16;       // places begin at multiples of this: of all sizes of pages
-constexpr auto WATCHED_EVERY = std::chrono::milliseconds(10);  // in which a process faults in some 20 MB
+constexpr auto WATCHED_EVERY = std::chrono::milliseconds(5);  // in which a process faults in some 20 MB
 
 // Places in a file that is mapped as a whole. What they hold stays there when its pages are let go of.
 class ScratchFile {
@@ -125,6 +125,7 @@ class ScratchFile {
             void *mapped = mmap(nullptr, RESERVED, PROT_READ | PROT_WRITE, MAP_SHARED | MAP_NORESERVE, file_, 0);
             if (mapped == MAP_FAILED) return false;
             madvise(mapped, RESERVED, MADV_DONTFORK);  // a child process would write into its parent's arrays
+            madvise(mapped, RESERVED, MADV_HUGEPAGE);  // one page fault every 2 MiB where the file system has such pages
             base_ = static_cast<char *>(mapped);
             try {
                 watch_ = std::thread(&ScratchFile::watch, this);
@@ -161,8 +162,9 @@ class ScratchFile {
     // Let go of the file's pages where the process holds much, and enough of it is the file's.
     void let_go() {
         const Held held = held_now();
-        if (held.heap + held.of_files < limit_ / 10 * 8 || held.of_files < limit_ / 10) return;
+        if (held.heap + held.of_files < limit_ / 10 * 8 || held.of_files < of_others_ + limit_ / 10) return;
         madvise(base_, size_, MADV_DONTNEED);
+        of_others_ = held_now().of_files;
     }
 
     struct Held {
@@ -185,6 +187,7 @@ class ScratchFile {
     const std::size_t page_ = sysconf(_SC_PAGESIZE);
     std::atomic<char *> base_{nullptr};
     std::size_t size_ = 0;
+    std::size_t of_others_ = 0;  // bytes of other files in memory, as those of libraries, when pages were let go of
     std::size_t trimmed_ = 0;  // bytes of the heap in memory after its free pages were let go of
     std::map<std::size_t, std::size_t> gaps_, places_;  // lengths by beginnings
     std::mutex mutex_;
