@@ -251,7 +251,8 @@ def _motion(result: Result, against: Against | None) -> PageSection:
         errors = against.trajectory_errors
         chart = error_strips(errors, result.events)
         if chart is not None:
-            note = f"Estimate less truth; bands: 95 % of the claimed sigmas, about zero. {SHADES}"
+            start = "" if against.knows_its_start else " Places count from the true start: no fix said where it is."
+            note = f"Estimate less truth; bands: 95 % of the claimed sigmas, about zero. {SHADES}{start}"
             blocks += [Drawing(chart, title="Errors of the trajectory", note=note), error_table(errors)]
     return PageSection("motion", "Attitude, speed and position", tuple(blocks), "Motion")
 

@@ -10,7 +10,7 @@ import pandas as pd
 
 from trackfg.errors import BadInputError
 from trackfg.evaluation.geometry_errors import geometry_errors
-from trackfg.evaluation.trajectory_errors import trajectory_errors
+from trackfg.evaluation.trajectory_errors import from_the_true_start, trajectory_errors
 from trackfg.io.description_reader import read_description
 from trackfg.io.truth import has_truth, read_truth, read_truth_geometry
 from trackfg.results.result import Result
@@ -38,8 +38,20 @@ class Against:
 
     @cached_property
     def trajectory_errors(self) -> pd.DataFrame:
-        """Return the errors as of :func:`trackfg.evaluation.trajectory_errors.trajectory_errors`."""
-        return trajectory_errors(self.result.trajectory, self.trajectory)
+        """Return the errors as of :func:`trackfg.evaluation.trajectory_errors.trajectory_errors`; those of the place
+        along the track from the true start where nothing said where the run began.
+        """
+        trajectory = self.result.trajectory
+        if not self.knows_its_start:
+            trajectory = from_the_true_start(trajectory, self.trajectory)
+        return trajectory_errors(trajectory, self.trajectory)
+
+    @property
+    def knows_its_start(self) -> bool:
+        """Return whether fixes or a map gave the chainage, which else counts from the start of the run."""
+        summary = self.result.summary
+        is_located = summary.map is not None and summary.map.sections > 0
+        return is_located or (summary.run is not None and summary.run.anchored)
 
 
 def is_without_truth(recording: str | os.PathLike[str]) -> bool:

@@ -56,6 +56,14 @@ def text_of(result: Result, truth: Against | None = None) -> str:
     return re.sub(r"<[^>]*>", " ", re.sub(r"<(script|style).*?</\1>", "", html, flags=re.DOTALL))
 
 
+def test_places_of_a_run_without_a_fix_count_from_the_true_start(run: tuple[Result, Path], known: Against) -> None:
+    """The run begins at 50 m, of which nothing measured says a word."""
+    errors = known.trajectory_errors
+    assert errors["along_track_m"].iloc[0] == 0.0
+    assert errors["along_track_m"].abs().max() < 4.0 * errors["along_track_m_sd"].max()
+    assert "Places count from the true start: no fix said where it is." in text_of(run[0], known)
+
+
 def test_what_stands_in_it(result: Result) -> None:
     text = text_of(result)
     for expected in (
