@@ -59,6 +59,7 @@ _UNIT_WORD = re.compile(
 """What stands in a row of units besides units of motion."""
 _COMMENT = re.compile(r"comments?|remarks?|notes?|bemerkung(en)?|kommentare?", re.IGNORECASE)
 """The last name of a header whose rows leave that cell out where there is nothing to say, as those of LabVIEW do."""
+_SENSORS = ("gyro", "accel")
 _MOST_SUMMARY_ROWS = 20
 """Rows below the data that name what they sum up: mean, maximum, number of rows; more of them are data."""
 _MARKS = "#%/!* "
@@ -339,6 +340,9 @@ def header_of(
             names = _below(candidates[-2], names)
     names = [*names, *[""] * (width - len(names))][:width]
     stated = {i: unit.strip("[]() ") for i, unit in enumerate(units_row or [""] * width) if unit}
+    for i in _merged(names):
+        names[i : i + 3] = [f"{names[i]} {axis}" for axis in "xyz"]
+        stated |= {j: stated[i] for j in (i + 1, i + 2) if i in stated and j not in stated}
     named, taken = [], dict[str, int]()
     arrays = {name.removesuffix(_FIRST_OF_ARRAY) for name in names if name.endswith(_FIRST_OF_ARRAY)}
     for i, name in enumerate(names):
@@ -367,6 +371,14 @@ def _unmarked(row: list[str], width: int) -> list[str]:
     """Return a row above the data without the mark of a remark, which may be a cell of its own before the others."""
     first = row[0].lstrip(_MARKS) if row else ""
     return [first, *row[1:]] if first else row[1:] if len(row) == width + 1 and row[0] else row
+
+
+def _merged(names: list[str]) -> list[int]:
+    """Return the first places of names that stand for the three axes of a sensor, as merged cells do: two more are
+    empty.
+    """
+    places = range(len(names) - 2)
+    return [i for i in places if not any(names[i + 1 : i + 3]) and meaning(f"{names[i]} x") in _SENSORS]
 
 
 def _quantities(names: list[str]) -> int:

@@ -278,12 +278,48 @@ def _a_counter_that_stays(drive: Drive, folder: Path) -> Path:
     return _lines(folder / "log.csv", [head, *rows])
 
 
+def _pairs_of_a_phone_s_log(drive: Drive, folder: Path) -> Path:
+    """Android writes days without a year."""
+    rows = [
+        f"05-01 {stamp} 1234 1250 D SensorLog: "
+        + " ".join(f"{name}={value:.7f}" for name, value in zip(NAMES[1:], row[1:], strict=True))
+        for stamp, row in zip(_stamps(drive, "%H:%M:%S.%f"), _values(drive), strict=True)
+    ]
+    return _lines(folder / "logcat.txt", rows)
+
+
+def _records_in_a_text_file(drive: Drive, folder: Path) -> Path:
+    rows = [
+        json.dumps({"t": t, "imu": {"gyro": gyro.tolist(), "acc": accel.tolist()}, "wheel_speed_mps": speed})
+        for t, gyro, accel, speed in zip(drive.t, drive.gyro, drive.accel, drive.speed, strict=True)
+    ]
+    return _lines(folder / "log.txt", rows)
+
+
+def _columns_with_units_in_json(drive: Drive, folder: Path) -> Path:
+    units = ("s", *["deg/s"] * 3, *["g"] * 3, "km/h")
+    values = _values(drive) / [1.0, *[DEG] * 3, *[G] * 3, 1.0 / 3.6]
+    columns = {
+        name: {"unit": unit, "values": column.tolist()}
+        for name, unit, column in zip((*NAMES[:7], "wheel"), units, values.T, strict=True)
+    }
+    (folder / "log.json").write_text(json.dumps(columns))
+    return folder / "log.json"
+
+
+def _merged_names(drive: Drive, folder: Path) -> Path:
+    head = ["Time\tGyro\t\t\tAccelerometer\t\t\tOdometer speed", "(s)\t(rad/s)\t\t\t(m/s²)\t\t\t(m/s)"]
+    rows = ["\t".join(f"{value:.7f}" for value in row) for row in _values(drive)]
+    return _lines(folder / "log.txt", head + rows)
+
+
 WITHOUT_A_WHEEL = (_numbers_of_sensors, _two_units_in_turn, _packets_of_samples)
 WITH_A_WHEEL = (
     _axes_alone, _axes_alone_and_numbered, _pairs, _pairs_of_a_serial_monitor, _pairs_with_units,
     _pairs_of_a_time_series, _pairs_in_braces, _units_in_cells, _names_in_lines_of_data,
     _numbers_of_a_clock_without_zeros, _twelve_hours_without_a_date, _lines_above_filled_up, _units_above_the_names,
     _words_that_end_in_y, _counts_of_a_unit, _a_receiver_s_speed_first, _a_counter_that_stays,
+    _pairs_of_a_phone_s_log, _records_in_a_text_file, _columns_with_units_in_json, _merged_names,
 )  # fmt: skip
 
 

@@ -13,17 +13,16 @@ from pathlib import Path
 from trackfg.interchange.importing.shapes.record_table import table_of_records
 from trackfg.interchange.importing.source_table import SourceTable
 
-_DATE = r"\d{4}-\d\d-\d\d[ T][\d:.,]*\d(?:Z|[+-]\d\d:?\d\d)?"
+_CLOCK = r"\d{1,2}(?::\d{1,2}){1,2}(?:[.,]\d+)?(?:Z|[+-]\d\d:?\d\d)?"
+_DATE = r"\d{1,4}[-./]\d{1,2}[-./]\d{1,4}"
 _UNIT = r"(?:\s(?:[°%]|[^\W\d_])[^\s,;|{}()=:]*(?=\s*(?:[,;|})]|$)))?"
 _PAIR = re.compile(
     r"(?<![\w.])[\"']?(?P<name>[^\W\d][\w.\[\]/]*(?: [XYZxyz])?)[\"']?\s*[=:](?![=:])\s*"
-    rf"(?P<value>\"[^\"]*\"|'[^']*'|{_DATE}|[^\s,;|{{}}()]+{_UNIT})"
+    rf"(?P<value>\"[^\"]*\"|'[^']*'|{_DATE}[ T]{_CLOCK}|[^\s,;|{{}}()=]++(?!=){_UNIT})"
 )
 """A name, which may have its axis apart, and a value, behind which a unit may stand where a delimiter ends it."""
-_STAMP = re.compile(
-    r"[\[({\s]*(\d{1,4}([-./:]\d{1,2}){2,}([ T]\d{1,2}(:\d{1,2})+)?([.,]\d+)?(Z|[+-]\d\d:?\d\d)?|\d+(\.\d+)?)\b"
-)
-"""What begins a line with the time at which it was written."""
+_STAMP = re.compile(rf"[\[({{\s]*(?:\d\d[-./]\d\d )?({_DATE}[ T]{_CLOCK}|{_CLOCK}|{_DATE}|\d+(?:\.\d+)?)\b")
+"""What begins a line with the time at which it was written, perhaps behind a day without a year."""
 _WORD = re.compile(r"[^\W\d]\w*")
 _LAST = re.compile(r"\s(\d+(?:\.\d+)?)\s*$")
 _TIME, _KIND = "time", "kind"

@@ -17,6 +17,11 @@ JSON_SUFFIXES = (".json", ".jsonl", ".ndjson")
 
 _DEPTH = 4
 """Records are nested no deeper."""
+_LONGEST_RECORD = 1_000_000
+"""Characters of a record by which lines of records are recognised."""
+_VALUES = ("values", "data", "samples")
+_UNITS = ("unit", "units")
+"""What the numbers of a column are called within an object that also has their unit."""
 
 
 def read_records(path: Path) -> list[SourceTable]:
@@ -26,6 +31,16 @@ def read_records(path: Path) -> list[SourceTable]:
             return list(_tables(_content(path.read_text(encoding="utf-8-sig")), path.name, _DEPTH))
         with path.open(encoding="utf-8-sig") as lines:
             return [table_of_records(_records(lines, path.name), path.name)]
+
+
+def holds_records(path: Path) -> bool:
+    """Return whether a file of any suffix begins with a line that is a record of JSON."""
+    with path.open(encoding="utf-8-sig", errors="replace") as lines:
+        first = lines.readline(_LONGEST_RECORD).strip()
+    try:
+        return first.startswith("{") and isinstance(json.loads(first), dict)
+    except (ValueError, RecursionError):
+        return False
 
 
 def _content(text: str) -> Any:
@@ -71,12 +86,20 @@ def _tables(content: Any, name: str, depth: int) -> Iterator[SourceTable]:
     ):
         yield table_of_records([dict(zip(map(str, names), row, strict=True)) for row in rows], name)
         return
-    arrays = {key: value for key, value in content.items() if _are_numbers(value)}
+    arrays = {key: numbers for key, value in content.items() if (numbers := _numbers_in(value)) is not None}
+    units = {key: str(content[key][unit]) for key in arrays for unit in _UNITS if unit in content[key]}
     if arrays:
-        yield from tables_of_arrays(arrays, name)
+        yield from tables_of_arrays(arrays, name, units)
     for key, value in content.items():
         if key not in arrays:
             yield from _tables(value, f"{name}/{key}", depth - 1)
+
+
+def _numbers_in(value: Any) -> Any:
+    """Return the numbers of a column: a list, or that of an object with its unit; None where it is neither."""
+    if isinstance(value, dict) and any(unit in value for unit in _UNITS):
+        value = next((value[key] for key in _VALUES if key in value), None)
+    return value if _are_numbers(value) else None
 
 
 def _are_numbers(value: Any) -> bool:

@@ -34,7 +34,7 @@ from trackfg.interchange.importing.sources.columnar import (
 )
 from trackfg.interchange.importing.sources.gnss_log import read_gnss_log, read_positions
 from trackfg.interchange.importing.sources.gpx import TRACK
-from trackfg.interchange.importing.sources.records import JSON_SUFFIXES, read_records
+from trackfg.interchange.importing.sources.records import JSON_SUFFIXES, holds_records, read_records
 from trackfg.interchange.importing.sources.rtklib import SOLUTION
 from trackfg.interchange.importing.sources.spreadsheet import SPREADSHEETS, read_spreadsheet
 from trackfg.interchange.importing.text_dialect import NoRowsError, in_brackets
@@ -107,6 +107,8 @@ def _read(file: Path, suffix: str, dialect_for: DialectFor) -> list[SourceTable]
         return [read_positions(file)]
     if (unread := unread_format(file)) is not None:
         raise BadInputError(unread)
+    if holds_records(file):
+        return [_with_units(table) for table in read_records(file)]
     options = dialect_for(file.name)
     receiver = _among_lines(file) if has_sentences(file) else []
     delimiter = None if options is not None else delimiter_of_tagged(file)
