@@ -28,6 +28,7 @@ struct End {
 };
 
 // The rows of one interval of `span` seconds between two keyframes, which it closes at.
+WITH_VECTOR_UNITS
 void follow(const Setting &setting, const End &start, const End &end, double span, std::vector<Row> &rows) {
     const Vector earth = vector(setting.earth_rate), forward = vector(setting.forward), mean = 0.5 * (start.v + end.v);
     const Vector turning = earth + (1.0 / setting.earth_radius) * Vector{{-mean[1], mean[0], 0.0}};
