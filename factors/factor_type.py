@@ -45,12 +45,8 @@ class FactorType(Enum):
 
     __hash__ = object.__hash__  # an Enum's own is a function in Python, and a stream looks types up by the thousand
 
-    @property
-    def of_further_sensor(self) -> bool:
-        """Return whether it has a further sensor's variable: it is of a tach, of a radar, or a receiver's speed."""
-        return self in (FactorType.TACH_INCREMENT, FactorType.SPEED_DISTANCE, FactorType.GNSS_SPEED)
-
-    @property
-    def stackable(self) -> bool:
-        """Return whether families of this type may be stacked into one. A marginal's number of rows is its own."""
-        return self not in (FactorType.MARGINAL_PRIOR, FactorType.DELAYED_POSITION)
+    def __init__(self, _: str) -> None:
+        self.of_further_sensor = self.name in ("TACH_INCREMENT", "SPEED_DISTANCE", "GNSS_SPEED")
+        """Whether it has a further sensor's variable: it is of a tach, of a radar, or a receiver's speed."""
+        self.stackable = self.name not in ("MARGINAL_PRIOR", "DELAYED_POSITION")
+        """Whether families of this type may be stacked into one. A marginal's number of rows is its own."""

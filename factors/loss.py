@@ -7,7 +7,7 @@ estimation techniques: a tutorial with application to conic fitting", Image and 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
@@ -106,4 +106,4 @@ class SwitchChain(Loss):
 
     def after(self, norm: Array) -> SwitchChain:
         """Return the loss of factors that follow some with these norms (m,)."""
-        return replace(self, inlier_before=chain_after(norm, self.chain).inlier_before)
+        return SwitchChain(self.width, self.interval_s, chain_after(norm, self.chain).inlier_before)

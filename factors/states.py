@@ -151,6 +151,12 @@ class Odo(Outlined):
         """Distance since the previous keyframe, m, shape (m,)."""
         return self.array[:, self.STEP]
 
+    def moved_on(self, way_m: float) -> Odo:
+        """Return the states of the next keyframes after ``way_m`` that the wheel counts in full."""
+        array = self.array + np.array([way_m, 0.0, way_m, 0.0])
+        array[:, self.STEP] = way_m
+        return Odo(array)
+
     def moved_along(self, by_m: float) -> Odo:
         """Return the states with ``by_m`` added to the distance along the track."""
         return Odo(self.array + np.array([by_m, 0.0, 0.0, 0.0]))
@@ -210,6 +216,14 @@ class States(Outlined):
         R, p, v, bias, odo = map(np.concatenate, zip(*parts, strict=True))
         last = every[-1]
         return States(Nav(R, p, v), bias, Odo(odo), last.mount, last.clock, last.imu, last.wheel, last.sensor)
+
+    def with_bias(self, bias: Array) -> States:
+        """Return the states with other biases (n, 6)."""
+        return States(self.nav, bias, self.odo, self.mount, self.clock, self.imu, self.wheel, self.sensor)
+
+    def with_motion(self, nav: Nav, odo: Odo) -> States:
+        """Return the states with another motion."""
+        return States(nav, self.bias, odo, self.mount, self.clock, self.imu, self.wheel, self.sensor)
 
     @cached_property
     def arrays(self) -> tuple[Array, ...]:

@@ -61,7 +61,7 @@ class Intervals(Outlined):
     @cached_property
     def durations(self) -> Array:
         """Length of each interval, s."""
-        return np.diff(self.edges)
+        return np.asarray(self.edges[1:] - self.edges[:-1])
 
     @cached_property
     def usual_duration(self) -> float:
@@ -87,7 +87,7 @@ class Intervals(Outlined):
 
     def bridged_from(self, t: Array) -> np.ndarray:
         """Return whether the record is bridged from each of some edges on, at ``t`` (m,), s. Shape (m,)."""
-        return np.asarray(self.bridged[np.searchsorted(self.edges, t - _SAME_S)])
+        return np.asarray(self.bridged[self.edges.searchsorted(t - _SAME_S)])
 
     def gaps(self) -> Array:
         """Bridged spans as rows (start, end), s. Shape (g, 2)."""

@@ -35,7 +35,7 @@ def rate_stretches(steps: Array) -> list[tuple[int, int]]:
     """
     count = len(steps) // BLOCK
     # The level of a block is no further off than a step is.
-    if count >= 2 and is_other_rate(float(np.max(steps)), float(np.min(steps))):
+    if count >= 2 and is_other_rate(float(steps.max()), float(steps.min())):
         level, regular = regular_levels(steps[: count * BLOCK].reshape(count, BLOCK))
         of_regular = level[regular]
         if of_regular.size and of_regular.max() >= _OTHER * of_regular.min():

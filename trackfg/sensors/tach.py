@@ -74,6 +74,11 @@ class Wheel(Outlined):
         """Return whether the distance is what was counted, but for one rounding of all readings."""
         return not (self.integrates_speed or self.coarse) and self.reading_sds is None and self.grown is None
 
+    def with_rows(self, t: Array, distance: Array, gaps: Array, uncounted: Array) -> Wheel:
+        """Return the wheel with other rows."""
+        known = self.coarse, self.reading_sds, self.grown, self.offset_sd_mps
+        return Wheel(t, distance, self.rounding_sd, self.quantum, self.integrates_speed, gaps, uncounted, *known)
+
     def at(self, t: Array) -> Array:
         """Nominal distance at ``t``, m; constant outside the record."""
         if self.integrates_speed or self.coarse:

@@ -43,7 +43,7 @@ class Outage(NamedTuple):
 def outage_after(buffer: SampleBuffer, t: float) -> Outage | None:
     """Return the outage that begins at a keyframe at ``t``, s, if one does."""
     data = buffer.inertial
-    first = int(np.searchsorted(data.edges, t - _JUST_S))
+    first = int(data.edges.searchsorted(t - _JUST_S))
     if first >= len(data.bridged) or not data.bridged[first]:
         return None
     stop = first + int(np.argmin(np.append(data.bridged[first:], False)))

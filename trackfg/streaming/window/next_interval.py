@@ -77,8 +77,8 @@ def predict_interval(
     newest = window.states.take(slice(len(window) - 1, None))
     motion = PredictedMotion.of(context, newest, data, edges, at_rest)
     start, measured, distance = motion.start, motion.measured, motion.distance
-    odo = Odo.of(start.odo.distance + distance, start.odo.scale, start.odo.count + distance, np.array([distance]))
-    predicted = replace(newest, nav=motion.nav, odo=odo)
+    odo = start.odo.moved_on(distance)
+    predicted = newest.with_motion(motion.nav, odo)
     families = motion.families
     if broken:
         measured, families = _across_break(motion, measured, families)
@@ -107,7 +107,7 @@ def with_other_rows(prediction: Prediction, recording: Recording, wheel: Wheel |
         else:
             further = 0.0
         by_wheel = np.array([further, 0.0, more, further])
-        predicted = replace(predicted, nav=nav, odo=Odo(predicted.odo.array + by_wheel))
+        predicted = predicted.with_motion(nav, Odo(predicted.odo.array + by_wheel))
     families = (*interval.families, *tach.families, *_of_positions_and_others(motion, recording, wheel))
     return interval._replace(predicted=predicted, families=families)
 

@@ -92,7 +92,7 @@ def _by_arrays(
     standing = _path(data, rpy_from_matrix(newest.nav.R), newest.bias, np.zeros(2))
     inputs = _inputs(context, data, edges, replace(NoiseFloor.of(data), at_rest=at_rest), standing, None)
     response = _response(inputs, newest)
-    start = replace(newest, bias=newest.bias + response @ newest.imu[0])
+    start = newest.with_bias(newest.bias + response @ newest.imu[0])
     measured = preintegrated(inputs, start.joined(start), speedless=False)[0]
     nav = measured.predicted(start.nav, start.bias[0])
     distance = _distance(start.nav, nav, context.lever_arm)
@@ -145,7 +145,7 @@ def _by_kernel(
     bias, density = noise[:1], noise[1:]
     white = WhiteNoise(density[:, :3], density[:, 3:])
     white = white.over_holes(data.bridged[begin : begin + 1], *hole_noise(context.config))
-    start = States(newest.nav, bias, newest.odo, newest.mount, newest.clock, newest.imu, newest.wheel, newest.sensor)
+    start = newest.with_bias(bias)
     measured = Preintegration(
         PreintegrationNoise(white.gyro[0], white.accel[0]),
         float(frame[0]),

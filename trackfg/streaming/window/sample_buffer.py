@@ -149,6 +149,8 @@ class SampleBuffer:
         """
         due = last + spacing_s
         for table in self.positions.values():
+            if not len(table):
+                continue
             times = table[:, 0]
             soon = min(last + (1.0 + TOO_CLOSE) * (due - last), due + AFTER_S)
             measured = times[(times > last + _SAME_S) & (times < soon)]
@@ -156,14 +158,14 @@ class SampleBuffer:
                 due = float(measured[0])
         due = min([due, *self.hole_edges(last, due)[:1]])
         edges = self.inertial.edges
-        at = int(np.searchsorted(edges, due - _SAME_S))
+        at = int(edges.searchsorted(due - _SAME_S))
         return float(edges[at]) if at < len(edges) else None
 
     def hole_edges(self, begin: float, until: float) -> Array:
         """Return the edges in (begin, until] at which a hole or a break of the inertial record begins or ends, s."""
         data = self.inertial
         edges = data.edges
-        low, high = np.searchsorted(edges, [begin, until], side="right").tolist()
+        low, high = edges.searchsorted([begin, until], side="right").tolist()
         bridged = data.bridged[max(low - 1, 0) : high]
         if not (len(self.breaks["imu"]) or bridged.any()):
             return np.zeros(0)
@@ -175,7 +177,7 @@ class SampleBuffer:
     def has_break(self, begin: float, until: float) -> bool:
         """Return whether the first sample after a break lies between two edges of the inertial record."""
         ends = self.breaks["imu"][:, 1]
-        return bool(((ends >= begin) & (ends < until)).any())
+        return len(ends) > 0 and bool(((ends >= begin) & (ends < until)).any())
 
     def other_rows_between(self, begin: float, end: float) -> Recording:
         """Return a recording of the fixes and GNSS after ``begin`` and up to ``end``, s, and of further sensors.
@@ -229,7 +231,7 @@ class SampleBuffer:
     def mean_rate(self, t: float) -> Array:
         """Return the gyro's mean rate around a time, rad/s, shape (1, 3): beside a hole, the bridged one."""
         edges = self.inertial.edges
-        lower, upper = int(np.searchsorted(edges, t)) - 1, int(np.searchsorted(edges, t, side="right"))
+        lower, upper = int(edges.searchsorted(t)) - 1, int(edges.searchsorted(t, side="right"))
         begin = min(t - 2.0 * RATE_WINDOW_S, float(edges[max(lower, 0)]))
         end = max(t + 2.0 * RATE_WINDOW_S, float(edges[min(upper, len(edges) - 1)]))
         data = self.intervals(begin, end)

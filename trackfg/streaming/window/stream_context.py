@@ -59,7 +59,7 @@ class StreamContext:
         """Return the context of keyframes at ``t`` (n,), on edges of the inertial ``data`` with this noise."""
         return RunContext(
             t=t,
-            edges=np.searchsorted(data.edges, t - 1e-9),
+            edges=data.edges.searchsorted(t - 1e-9),
             inertial=data,
             world=self.world,
             lever_arm=self.lever_arm,

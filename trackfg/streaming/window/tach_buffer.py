@@ -91,7 +91,7 @@ class TachBuffer:
         The rows ``until`` now, s, have come. A tach that is read once a second is waited for; one whose rows are the
         pulses' own times may stand still.
         """
-        end, next_row = t + AFTER_S, int(np.searchsorted(rows[:, 0], t))
+        end, next_row = t + AFTER_S, int(rows[:, 0].searchsorted(t))
         at_pulses = self.resolution is not None and self.resolution.at_pulses
         if not at_pulses and not (next_row < len(rows) and rows[next_row, 0] <= end):
             if next_row < len(rows) and rows[next_row, 0] <= t + self.late_s:
@@ -145,7 +145,7 @@ class TachBuffer:
             rows = np.concatenate([rows, [[until, rows[-1, 1]]]])  # a wheel without pulses does not roll
         t, distance = rows.T
         gaps = silences(t, distance, self.wheel.quantum, self.longest_silence_s)
-        return replace(self.wheel, t=t, distance=distance, gaps=gaps, uncounted=uncounted)
+        return self.wheel.with_rows(t, distance, gaps, uncounted)
 
 
 @dataclass

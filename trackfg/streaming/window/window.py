@@ -91,7 +91,8 @@ class Window:
 
     def with_factors(self, families: Sequence[Family]) -> Window:
         """Return the window with these factors added."""
-        return replace(self, families=_merge_by_type([(family, 0) for family in (*self.families, *families)]))
+        merged = _merge_by_type([(family, 0) for family in (*self.families, *families)])
+        return Window(self.t, self.states, self.measured, self.response, merged)
 
     def extended(self, *intervals: Interval) -> Window:
         """Return the window with the next keyframes added, each at the end of one interval; itself without any."""
@@ -109,7 +110,7 @@ class Window:
         states = self.states.joined(*(interval.predicted for interval in intervals))
         return Window(
             np.concatenate([self.t, [interval.t for interval in intervals]]),
-            replace(states, bias=np.concatenate([bias, states.bias[-1:]])),
+            states.with_bias(np.concatenate([bias, states.bias[-1:]])),
             (*self.measured, *(interval.measured for interval in intervals)),
             np.concatenate([*responses, np.zeros_like(self.response[:1])]),
             _merge_by_type([*((family, 0) for family in families), *later]),
@@ -149,7 +150,7 @@ class Window:
         """
         if not math.isfinite(root.length):
             raise ValueError("the step is not finite")
-        return replace(self, states=self.states.moved(root.solution()))
+        return Window(self.t, self.states.moved(root.solution()), self.measured, self.response, self.families)
 
 
 class Interval(NamedTuple):
@@ -280,9 +281,9 @@ def _merge_by_type(families: Iterable[tuple[Family, int]]) -> tuple[Family, ...]
     groups: dict[tuple[FactorType, str] | int, list[tuple[Family, int]]] = {}
     for family, by in families:
         groups.setdefault((family.type, family.label) if family.type.stackable else id(family), []).append((family, by))
-    return tuple(_merged(*zip(*same, strict=True)) for same in groups.values())
+    return tuple([_merged(*same) for same in groups.values()])
 
 
-def _merged(families: Sequence[Family], shifts: Sequence[int]) -> Family:
-    first = families[0].shifted(shifts[0])
-    return first.joined(*families[1:], shifts=shifts[1:]) if len(families) > 1 else first
+def _merged(first: tuple[Family, int], *later: tuple[Family, int]) -> Family:
+    family = first[0].shifted(first[1])
+    return family.joined(*(one for one, _ in later), shifts=[by for _, by in later]) if later else family
