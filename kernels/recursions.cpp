@@ -214,23 +214,24 @@ PyObject *forward_substitute(PyObject *, PyObject *arguments) {
     Py_RETURN_NONE;
 }
 
-// covariances(R, S, beyond, ahead, (nav_start, nav_dim), shared, own, cross, wanted, windows): from the covariance of s
-// (s, s) those of x_k with (x_k, s), own (n, K, K + s), and with x_{k+1}, cross (n, K, K). Either may have no
+// covariances(R, S, beyond, ahead, (nav_start, nav_dim), next, own, cross, wanted, windows): from the covariance of the
+// (x_n, s) behind the last keyframe, next (K + s, K + s), which is 0 of x_n where the chain ends, those of x_k with
+// (x_k, s), own (n, K, K + s), and with x_{k+1}, cross (n, K, K). Either may have no
 // keyframes, if they are not wanted. windows takes those of y_k, one after the other, of the keyframes `wanted`,
 // ascending.
 PyObject *covariances(PyObject *, PyObject *arguments) {
-    PyObject *R, *S, *beyond, *ahead, *py_shared, *py_own, *py_cross, *py_wanted, *py_windows;
+    PyObject *R, *S, *beyond, *ahead, *py_next, *py_own, *py_cross, *py_wanted, *py_windows;
     Py_ssize_t nav_start, nav;
-    if (!PyArg_ParseTuple(arguments, "OOOO(nn)OOOOO", &R, &S, &beyond, &ahead, &nav_start, &nav, &py_shared, &py_own,
+    if (!PyArg_ParseTuple(arguments, "OOOO(nn)OOOOO", &R, &S, &beyond, &ahead, &nav_start, &nav, &py_next, &py_own,
                           &py_cross, &py_wanted, &py_windows))
         return nullptr;
     Conditionals chain(R, S, beyond, ahead, nav_start, nav);
-    const Doubles shared(py_shared, 2), own(py_own, 3, true), with_next(py_cross, 3, true), windows(py_windows, 1, true);
+    const Doubles behind(py_next, 2), own(py_own, 3, true), with_next(py_cross, 3, true), windows(py_windows, 1, true);
     const Integers wanted(py_wanted, 1);
-    if (!chain.ok() || !shared.ok() || !own.ok() || !with_next.ok() || !windows.ok() || !wanted.ok()) return nullptr;
+    if (!chain.ok() || !behind.ok() || !own.ok() || !with_next.ok() || !windows.ok() || !wanted.ok()) return nullptr;
     if (!chain.fits()) return refused("conditionals");
     const std::ptrdiff_t n = chain.n(), K = chain.dim(), size = chain.size(), widest = chain.widest();
-    if (shared.size(0) != size - K || shared.size(1) != size - K) return refused("shared variables");
+    if (behind.size(0) != size || behind.size(1) != size) return refused("the keyframe behind");
     for (const Doubles *out : {&own, &with_next})
         if ((out->size(0) != 0 && out->size(0) != n) || out->size(1) != K || out->size(2) != (out == &own ? size : K))
             return refused("keyframes");
@@ -247,8 +248,7 @@ PyObject *covariances(PyObject *, PyObject *arguments) {
     std::vector<double> y(widest * widest), next(widest * widest), A(K * widest), A_transposed(K * widest);
     std::vector<double> cross(K * widest), inverse(K * K), inverse_transposed(K * K), own_k(K * K);
     const std::ptrdiff_t last = chain.width(n - 1);
-    for (std::ptrdiff_t i = K; i < size; ++i)
-        std::memcpy(&y[i * last + K], shared.data() + (i - K) * (size - K), (size - K) * sizeof(double));
+    for (std::ptrdiff_t i = 0; i < size; ++i) std::copy_n(behind.data() + i * size, size, &y[i * last]);
     std::ptrdiff_t left = wanted.size(0);
     for (std::ptrdiff_t k = n - 1; k >= 0; --k) {
         const std::ptrdiff_t p = chain.width(k), q = chain.width(k - 1);
@@ -285,7 +285,8 @@ PyObject *covariances(PyObject *, PyObject *arguments) {
         for (std::ptrdiff_t r = K; r < q; ++r) {
             const double *from = y.data() + chain.kept(r) * p;
             double *to = next.data() + r * q;
-            for (std::ptrdiff_t c = K; c < q; ++c) to[c] = from[chain.kept(c)];
+            std::copy(from + K, from + size, to + K);  // the shared variables, which stay where they are
+            for (std::ptrdiff_t c = size; c < q; ++c) to[c] = from[chain.kept(c)];
         }
         y.swap(next);
     }

@@ -55,7 +55,7 @@ def covariances(
     beyond: Array,
     ahead: np.ndarray,
     nav: tuple[int, int],
-    shared: Array,
+    next: Array,
     own: Array,
     cross: Array,
     wanted: np.ndarray,

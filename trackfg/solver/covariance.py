@@ -151,12 +151,14 @@ class _Window(NamedTuple):
     marginal: Array
 
 
-def _windows(root: SquareRoot) -> Iterator[_Window]:
-    """Go backwards from the last keyframe. Cost is linear in the number of keyframes."""
+def _windows(root: SquareRoot, behind: Array) -> Iterator[_Window]:
+    """Go backwards from the last keyframe; ``behind`` is the covariance of (x_n, s). Cost is linear in the number of
+    keyframes.
+    """
     n, dim, size = len(root.inverse), KEYFRAME_DIM, root.size
     spread = root.inverse @ np.swapaxes(root.inverse, 1, 2)
     ahead = np.zeros((root.parents(n - 1), root.parents(n - 1)))
-    ahead[dim:size, dim:size] = root.shared_covariance
+    ahead[:size, :size] = behind
     for k in range(n - 1, -1, -1):
         width, kept = root.parents(k - 1), root.kept(k)
         whole = np.empty((width, width))
@@ -169,25 +171,32 @@ def _windows(root: SquareRoot) -> Iterator[_Window]:
         ahead = whole
 
 
-def _by_numpy(root: SquareRoot, marginal: Array, cross: Array) -> None:
+def _of_shared_alone(of_shared: Array) -> Array:
+    """Return the covariance of (x_n, s) where the chain ends, and there is no x_n."""
+    return np.pad(of_shared, (KEYFRAME_DIM, 0))
+
+
+def _by_numpy(root: SquareRoot, behind: Array, marginal: Array, cross: Array) -> None:
     """Do as the kernel (kernels/recursions.cpp)."""
-    for window in _windows(root):
+    for window in _windows(root, behind):
         marginal[window.k] = window.marginal
         cross[window.k] = window.cross[:, :KEYFRAME_DIM]
 
 
-def posterior_covariance(root: SquareRoot) -> Covariance:
+def posterior_covariance(root: SquareRoot, later: Covariance | None = None) -> Covariance:
     """Return the posterior covariances of a solution. Cost is linear in the number of keyframes.
 
     Parameters
     ----------
     root
         The ``root`` of a :class:`Solution`: the square root of the information at the minimum.
+    later
+        The covariance of the keyframes after these, if the root is of the first of a longer chain.
 
     Returns
     -------
     Covariance
-        Covariances of the states of keyframes and of neighbours, in the units of the states (SI).
+        Covariances of the states of keyframes and of neighbours, later ones included, in the units of the states (SI).
 
     Raises
     ------
@@ -207,13 +216,17 @@ def posterior_covariance(root: SquareRoot) -> Covariance:
         raise TypeError(f"expected the square root of a solution, solution.root, not {type(root).__name__}")
     n, size = len(root.R), root.size
     marginal, cross = np.empty((n, KEYFRAME_DIM, size)), np.empty((n, KEYFRAME_DIM, KEYFRAME_DIM))
+    behind = _of_shared_alone(root.shared_covariance) if later is None else later.at(0)
     if compiled_kernels():
         from trackfg.numerics import compiled
 
-        compiled.covariances(*root.conditionals(), root.shared_covariance, marginal, cross, *_NO_WINDOWS)
+        compiled.covariances(*root.conditionals(), behind, marginal, cross, *_NO_WINDOWS)
     else:
-        _by_numpy(root, marginal, cross)
-    return Covariance(marginal, root.shared_covariance, cross[:-1])
+        _by_numpy(root, behind, marginal, cross)
+    if later is None:
+        return Covariance(marginal, root.shared_covariance, cross[:-1])
+    of_keyframes = np.concatenate([marginal, later.of_keyframes])
+    return Covariance(of_keyframes, later.of_shared, np.concatenate([cross, later.cross]))
 
 
 def posterior_samples(root: SquareRoot, count: int, rng: np.random.Generator) -> tuple[Array, Array]:
@@ -287,14 +300,16 @@ def _ahead(root: SquareRoot, covariance: Covariance, keyframes: np.ndarray) -> M
         return {k: covariance.at(k + 1) for k in keyframes.tolist()}
     if not compiled_kernels():
         wanted = set(keyframes.tolist())
-        return {window.k: window.ahead for window in _windows(root) if window.k in wanted}
+        behind = _of_shared_alone(root.shared_covariance)
+        return {window.k: window.ahead for window in _windows(root, behind) if window.k in wanted}
     from trackfg.numerics import compiled
 
     sizes = np.array([root.parents(k) for k in keyframes.tolist()])
     begins = np.concatenate([np.zeros(1, dtype=np.int64), np.cumsum(sizes**2)])
     windows, none = np.empty(int(begins[-1])), np.empty((0, KEYFRAME_DIM, root.size))
     without = none, none[:, :, :KEYFRAME_DIM]
-    compiled.covariances(*root.conditionals(), covariance.of_shared, *without, keyframes, windows)
+    behind = _of_shared_alone(covariance.of_shared)
+    compiled.covariances(*root.conditionals(), behind, *without, keyframes, windows)
     return {
         k: windows[begin : begin + size**2].reshape(size, size)
         for k, begin, size in zip(keyframes.tolist(), begins[:-1].tolist(), sizes.tolist(), strict=True)

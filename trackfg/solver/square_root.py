@@ -56,6 +56,11 @@ class SquareRoot(Outlined):
         """The number of variables in (x_k, s)."""
         return int(self.S.shape[2])
 
+    def first(self, keyframes: int) -> SquareRoot:
+        """Return the conditionals of the first keyframes on those after them; along a chain."""
+        some = slice(0, keyframes)
+        return replace(self, R=self.R[some], S=self.S[some], d=self.d[some], ahead=self.ahead[some])
+
     def last(self, keyframes: int) -> SquareRoot:
         """Return the square root of the last keyframes alone, all others eliminated; along a chain."""
         if keyframes >= len(self.R):

@@ -39,7 +39,6 @@ from trackfg.results.events import Event
 from trackfg.sensors.imu_intervals import Intervals
 from trackfg.sensors.imu_noise import WhiteNoise
 from trackfg.smoothing.localisation import MapChainage
-from trackfg.solver.square_root import SquareRoot
 from trackfg.streaming.accelerometer_test import AccelerometerTest
 from trackfg.streaming.bandwidth_test import BandwidthTest
 from trackfg.streaming.checkpoint.snapshot import Snapshot, dump, load_attributes
@@ -58,7 +57,6 @@ from trackfg.streaming.window.moving_window import LostWindow, MovingWindow
 from trackfg.streaming.window.running_window import FilterUpdate, Relinearisation, RunningWindow
 from trackfg.streaming.window.sample_buffer import SampleBuffer
 from trackfg.streaming.window.starting_window import START_S, StartingWindow
-from trackfg.streaming.window.window import Window
 
 if TYPE_CHECKING:
     from trackfg.maps.feature_map import FeatureMap
@@ -297,7 +295,7 @@ class FixedLagSmoother:
         settled = newest if at_end else newest - self._moving.lag_s
         pieces = []
         if at_end or settled - tables.done_s >= PIECE_S:
-            inputs = self._table_input(running, step.whole_window, step.root)
+            inputs = self._table_input(running, step)
             begin_s = tables.done_s
             pieces = [tables.next_piece(self._buffer, inputs, settled, at_end=at_end)]
             self._moving.votes.written_s = tables.done_s
@@ -335,7 +333,7 @@ class FixedLagSmoother:
         """Return the tables up to where the window was lost; from there on the stream begins anew."""
         pieces, done_s = [], self._done_s
         if self._tables is not None and lost.left is not None:
-            inputs = self._table_input(lost.left, lost.left.window, lost.left.root)
+            inputs = self._table_input(lost.left, Relinearisation(lost.left.window, lost.left.root, None))
             pieces = [self._tables.next_piece(self._buffer, inputs, lost.begin_s, at_end=True)]
             self._test_trajectory(pieces[0].trajectory)
             done_s = lost.begin_s
@@ -369,10 +367,11 @@ class FixedLagSmoother:
         if self._locator is not None:
             self._locator = MapLocator(self._buffer.description, self.config, self._locator.feature_map)
 
-    def _table_input(self, running: RunningWindow, window: Window, root: SquareRoot) -> TableInput:
+    def _table_input(self, running: RunningWindow, step: Relinearisation) -> TableInput:
         doubt_m = self._moving.votes.doubt_m
         rests, usual = running.rests.spans, running.gnss.usual
-        return TableInput(window, root, running.noise, rests, running.tach, self._chainage, doubt_m, usual)
+        known = step.whole_window, step.root, step.covariance, running.noise
+        return TableInput(*known, rests, running.tach, self._chainage, doubt_m, usual)
 
     def _locate(self, locator: MapLocator, pieces: list[Tables], step: Relinearisation) -> tuple[Event, ...]:
         events: list[Event] = []

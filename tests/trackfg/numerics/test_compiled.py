@@ -167,7 +167,7 @@ _CALLS = (
         compiled.covariances,
         (
             *_CONDITIONALS,
-            np.ones((2, 2)),
+            np.ones((4, 4)),
             np.zeros((2, 2, 4)),
             np.zeros((2, 2, 2)),
             np.array([0, 1]),

@@ -91,6 +91,24 @@ def test_keyframes_left_behind_say_what_they_said(simulated: Callable[..., Simul
     np.testing.assert_allclose(marginal, posterior_covariance(whole).marginal[gone:], rtol=1e-4, atol=1e-14)
 
 
+def test_what_is_known_of_later_keyframes_is_gone_on_from(
+    simulated: Callable[..., Simulation], with_both: WithBoth
+) -> None:
+    problem = problem_of(simulated("mainline-gnss", seed=2, duration_s=45.0).recording)
+    n, earlier = len(problem.t), 7
+    inertial = linearize_imu_factors(problem.native, problem.initial.to_gtsam())
+    root = eliminate([inertial, *(family.linearize(problem.initial) for family in problem.families)], n)
+
+    def pieced() -> tuple[Covariance, Covariance]:
+        return posterior_covariance(root), posterior_covariance(
+            root.first(earlier), posterior_covariance(root.last(n - earlier))
+        )
+
+    for whole, joined in with_both(pieced):
+        for part in ("of_keyframes", "of_shared", "cross"):
+            np.testing.assert_array_equal(getattr(joined, part), getattr(whole, part))
+
+
 def test_a_pair_is_eliminated_as_a_chain_of_two(simulated: Callable[..., Simulation]) -> None:
     problem = problem_of(simulated("mainline-gnss", seed=2, duration_s=45.0).recording)
     states = problem.initial

@@ -6,7 +6,7 @@ wavelengths reaches beyond the place that it is of.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -47,14 +47,15 @@ _JUMP_M = 5.0
 class TableInput(NamedTuple):
     """What tables are made from besides the history.
 
-    ``window`` with the square ``root`` of its information, ``noise`` with the levels of its intervals, the recent
-    ``rests`` (r, 2), s, the ``tach``, and the ``chainage`` of a map on which the run is located. ``doubt_m``: the sigma
-    that contradicting fixes add to the distance. ``usual_gnss`` (3,): by what the sigmas of GNSS positions usually
-    exceed the declared ones.
+    ``window`` with the square ``root`` of its information and its ``covariance``, if that is known, ``noise`` with the
+    levels of its intervals, the recent ``rests`` (r, 2), s, the ``tach``, and the ``chainage`` of a map on which the
+    run is located. ``doubt_m``: the sigma that contradicting fixes add to the distance. ``usual_gnss`` (3,): by what
+    the sigmas of GNSS positions usually exceed the declared ones.
     """
 
     window: Window
     root: SquareRoot
+    covariance: Covariance | None
     noise: NoiseRecord
     rests: Array
     tach: TachBuffer | None
@@ -142,7 +143,7 @@ class SmoothedTables:
     def next_piece(self, buffer: SampleBuffer, inputs: TableInput, settled_s: float, *, at_end: bool) -> Tables:
         """Return the tables of what is older than ``settled_s``; at the end of the stream all that are left."""
         smoothed = self._smoothed_run(buffer, inputs)
-        t, states, root, covariance, run = smoothed
+        t, states, covariance, run = smoothed.t, smoothed.states, smoothed.covariance, smoothed.run
         clock = _clock(self.done_s, settled_s, self.context.config.output.rate_hz)
         motion = dense_motion(run, states, dense_step(states, run.conventions.step_m), clock)
         sources = self._event_sources(buffer, inputs, smoothed)
@@ -152,9 +153,8 @@ class SmoothedTables:
         shapes = rails or (profiles(run, motion, states) if self.for_map else [])
         moved = self._moved(t, states, run.direction * run.conventions.step_m)
         until = float(t[-1]) if at_end else self._settled_place(t, states, settled_s)
-        columns, rows = self._rows_passed(
-            geometry_table(run, shapes, states, covariance, root), shapes, smoothed, until
-        )
+        rows = _PassedRows.joined([self._passed(t, profile, until) for profile in shapes])
+        columns = self._geometry(rows, shapes if len(rows.cell) else [], smoothed)
         place, distance = run.direction * run.conventions.step_m * rows.cell, states.odo.distance
         k, f = rows.keyframe, rows.fraction
         beyond = place - (1.0 - f) * distance[k] - f * distance[k + 1]
@@ -173,10 +173,17 @@ class SmoothedTables:
         # Not all rows that have come: noise is judged by a whole record, and batches of any length shall give the same.
         data = buffer.intervals(-np.inf, float(t[-1]) + AFTER_S)
         run = self.context.run_of(t, data, self.context.noise_of(t, data, inputs.noise))
-        covariance = posterior_covariance(root).with_added_distance_variance(inputs.doubt_m**2)
+        covariance = self._covariance(root, inputs.covariance).with_added_distance_variance(inputs.doubt_m**2)
         if inputs.chainage is not None:
             covariance = inputs.chainage.with_uncertainty(covariance, states, run.direction)
         return _SmoothedRun(t, states, root, covariance, run)
+
+    def _covariance(self, root: SquareRoot, of_window: Covariance | None) -> Covariance:
+        """Return the covariance of history and window, from that of the window where it is known."""
+        history = len(self.history.parts)
+        if of_window is None or not history:
+            return of_window or posterior_covariance(root)
+        return posterior_covariance(root.first(history), of_window)
 
     def _event_sources(self, buffer: SampleBuffer, inputs: TableInput, smoothed: _SmoothedRun) -> EventSources:
         t, counts, wheel = smoothed.t, smoothed.states.odo.count, None
@@ -193,14 +200,13 @@ class SmoothedTables:
             usual_gnss=inputs.usual_gnss,
         )
 
-    def _rows_passed(
-        self, geometry: pd.DataFrame, shapes: Sequence[Profile], smoothed: _SmoothedRun, until: float
-    ) -> tuple[dict[str, Array], _PassedRows]:
-        """Return the rows of the geometry that are due up to ``until``, s, in order of passing, by columns."""
-        rows = _PassedRows.joined([self._passed(smoothed.t, profile, until) for profile in shapes])
-        step_m = smoothed.run.conventions.step_m
-        due = np.searchsorted(cells_of(geometry, step_m), rows.cell)
-        return dict(zip(map(str, geometry), geometry.to_numpy().T[:, due], strict=True)), rows
+    @staticmethod
+    def _geometry(rows: _PassedRows, shapes: list[Profile], smoothed: _SmoothedRun) -> dict[str, Array]:
+        """Return some rows of the geometry of these ``shapes``, by columns."""
+        run = smoothed.run
+        geometry = geometry_table(run, shapes, smoothed.states, smoothed.covariance, smoothed.root)
+        at = np.searchsorted(cells_of(geometry, run.conventions.step_m), rows.cell)
+        return dict(zip(map(str, geometry), geometry.to_numpy().T[:, at], strict=True))
 
     def _moved(self, t: Array, states: States, cell_m: float) -> int:
         """Return by how many steps of chainage places have moved since the last piece.

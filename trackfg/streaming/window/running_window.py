@@ -108,13 +108,15 @@ class FilterUpdate(NamedTuple):
 
 class Relinearisation(NamedTuple):
     """The ``whole_window`` after a relinearisation pass, with the keyframes that this marginalises; the square root of
-    its information; the keyframes marginalised; and an event where a step failed and something had to take over.
+    its information; the keyframes marginalised; an event where a step failed and something had to take over; and the
+    window's covariance, where the pass has needed it.
     """
 
     whole_window: Window
     root: SquareRoot
     marginalised: MarginalisedKeyframes | None
     event: Event | None = None
+    covariance: Covariance | None = None
 
 
 @dataclass
@@ -237,7 +239,7 @@ class RunningWindow:
             self.tach = late_tach(self.buffer, self.context.config, last, float(newest.states.odo.count[0]))
         if self.tach is not None:
             navs, buffer = (newest.states.nav, pair.prediction.interval.predicted.nav), self.buffer
-            forward = (float(nav.own_velocity[0, 0]) for nav in navs)
+            forward = (float(nav.v[0] @ nav.R[0, :, 0]) for nav in navs)
             begin, end = (speed if abs(speed) > _CERTAIN_SIGMAS * self.speed_sd else 0.0 for speed in forward)
             until = self.tach.rows_end(t, buffer.tach, buffer.until) or t + AFTER_S
             wheel = self.tach.wheel_until(until, buffer.tach, last, (begin, end), buffer.uncounted)
@@ -294,7 +296,7 @@ class RunningWindow:
         if self.predicted is None or self.predicted.prediction.interval.t != t:
             last = float(self.newest.t[0])
             data = self.buffer.intervals(last - _NOISE_S, t + _RATES_S)
-            edges = np.searchsorted(data.edges, [last - 1e-9, t - 1e-9])
+            edges = data.edges.searchsorted([last - 1e-9, t - 1e-9])
             broken = self.buffer.has_break(last, t)
             prediction = predict_interval(self.context, self.newest, data, edges, self.noise.shown, broken=broken)
             walks = self.walks or self.gnss.rest_erred or self.gnss_speeds.rest_erred
@@ -398,15 +400,16 @@ class RunningWindow:
         last = len(window) - 1
         marginalise = {leaving, before_recent, last} - {0}
         step, event = self._settle_window(window, marginalise, failure)
-        weighed = self._reassessed(step, leaving)
+        weighed, covariance = self._reassessed(step, leaving)
         if weighed is not step.window:
             step, again = self._settle_window(weighed, marginalise, failure)
-            event = event or again
+            event, covariance = event or again, None
         if self.heading_known:
             declared, walked = self.context.config.tach.scale_walk_per_sqrt_m, self.walks
             self.walks = scale_walks(step.window, declared, walks=walked)
             if self.walks and not walked:
                 step, _ = self._settle_window(with_walk(step.window), marginalise, None)
+                covariance = None
                 event = event or Event(
                     "wheel-crept", "tach", last_pass, now, 0, "the wheel's scale changes: it may walk"
                 )
@@ -419,10 +422,11 @@ class RunningWindow:
         self.newest, self.root = step.window_without_first(last), step.root.last(len(self.window))
         self.linearisation_point = step.linearisation_point.take(slice(leaving, None))
         self.added, self.conditionals, self.predicted = [], [], None
-        return Relinearisation(step.window, step.root, marginalised, event)
+        return Relinearisation(step.window, step.root, marginalised, event, covariance)
 
-    def _reassessed(self, step: WindowStep, leaving: int) -> Window:
-        """Return the window with sigmas as its residuals show them; those of GNSS change with the next pass.
+    def _reassessed(self, step: WindowStep, leaving: int) -> tuple[Window, Covariance | None]:
+        """Return the window with sigmas as its residuals show them, and the covariance that these were judged by, if
+        they were; sigmas of GNSS change with the next pass.
 
         Of GNSS and all else, what is further beyond its sigmas is judged, as in the batch. A street canyon bends the
         speed, too: doubts of it only count against the other sensors where these are noisier than declared.
@@ -430,6 +434,7 @@ class RunningWindow:
         window = step.window
         adapts = self.context.config.noise.adapt and self.heading_known and len(window) > 1
         groups: dict[str, Residuals] = {}
+        covariance = None
         if adapts:
             covariance = posterior_covariance(step.root)
             groups = group_residuals(
@@ -443,11 +448,11 @@ class RunningWindow:
                 record.forget()
             else:
                 changes |= record.judge(heading_known=self.heading_known)
-        if changes or not adapts:
-            return window
+        if changes or covariance is None:
+            return window, covariance
         walk = walk_residuals(window, window.states, covariance)
         window = window if walk is None else self.walk.weigh(window, walk, leaving, self.noise.far_off)
-        return self.noise.weigh(window, groups, leaving)
+        return self.noise.weigh(window, groups, leaving), covariance
 
     def _settle_window(
         self, window: Window, marginalise: Collection[int], failure: str | None
@@ -514,4 +519,4 @@ class RunningWindow:
 
 def _with_own_bias(states: States, response: Array) -> States:
     """Return states with the sensor's own bias, without the calibration's contribution over the interval after it."""
-    return replace(states, bias=states.bias - states.imu[0] @ response.T)
+    return states.with_bias(states.bias - states.imu[0] @ response.T)
