@@ -56,7 +56,7 @@ _SURE_SIGMAS = 4.0
 _LEAST = 0.05
 """Bogie frames, on their stiff springs, lean less than this share; what is measured on them is nearly the track's."""
 
-OF_TRACK: tuple[Quantity, ...] = ("cross_level", "twist", "level", "alignment")
+OF_TRACK: tuple[Quantity, ...] = ("cross_level", "twist", "level", "alignment", "curvature")
 """What such a sensor shows of the vehicle, and not of the track."""
 
 HINT = "write rigid = false in [imu]: the geometry of the track then needs displacement sensors"

@@ -46,12 +46,13 @@ class BandwidthTest:
         if self.waves is None:
             return ()
         return tuple(
-            Event(DOUBT, t_s=until_s, detail=f"{', '.join(doubt.quantities)}: {doubt.reason}: {_advice(doubt)}")
+            Event(DOUBT, t_s=until_s, detail=f"{', '.join(doubt.quantities)}: {doubt.reason}: {advice(doubt)}")
             for doubt in self.waves.doubts(self.bandwidths)
         )
 
 
-def _advice(doubt: Doubt) -> str:
+def advice(doubt: Doubt) -> str:
+    """Return what to do about a doubt, in words."""
     known = math.isfinite(doubt.factor)
     return (
         f"multiply its sigmas by {doubt.factor:.1f}, or {doubt.hint}" if known else f"do not trust it, or {doubt.hint}"

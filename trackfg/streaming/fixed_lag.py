@@ -40,6 +40,7 @@ from trackfg.sensors.imu_intervals import Intervals
 from trackfg.sensors.imu_noise import WhiteNoise
 from trackfg.smoothing.localisation import MapChainage
 from trackfg.streaming.accelerometer_test import AccelerometerTest
+from trackfg.streaming.axle_test import AxleTest
 from trackfg.streaming.bandwidth_test import BandwidthTest
 from trackfg.streaming.checkpoint.snapshot import Snapshot, dump, load_attributes
 from trackfg.streaming.doubts import Doubts
@@ -144,6 +145,7 @@ class FixedLagSmoother:
     _vibration_test: VibrationTest
     _accelerometer_test: AccelerometerTest
     _bandwidth_test: BandwidthTest
+    _axle_test: AxleTest
     _doubts: Doubts
 
     def __init__(
@@ -179,7 +181,8 @@ class FixedLagSmoother:
         self._tables, self._done_s = None, -np.inf
         self._sigma_test, self._vibration_test = SigmaTest(), VibrationTest()
         self._track_cells, self._roll_test, self._lean_test = TrackCells(), RollTest(), LeanTest()
-        self._accelerometer_test, self._bandwidth_test, self._doubts = AccelerometerTest(), BandwidthTest(), Doubts()
+        self._accelerometer_test, self._bandwidth_test = AccelerometerTest(), BandwidthTest()
+        self._axle_test, self._doubts = AxleTest(), Doubts()
 
     def put(self, rows: Rows) -> Estimates:
         """Take the next rows and return the estimates that they make."""
@@ -223,6 +226,7 @@ class FixedLagSmoother:
         if running is not None:
             doubts += self._vibration_test.events(until, running.context.conventions)
             doubts += (*self._accelerometer_test.events(until), *self._bandwidth_test.events(until))
+            doubts += self._axle_test.events(until)
             doubts += (*running.noise.events(until), *running.gnss.events(until), *running.gnss_speeds.events(until))
             doubts += running.walk.events(until)
             if description.imu.rigid:
@@ -325,6 +329,7 @@ class FixedLagSmoother:
         if self._buffer.description.imu.rigid:
             step_m = running.context.conventions.step_m
             self._bandwidth_test.put(samples, running.rests.spans, led_to.geometry, step_m)
+            self._axle_test.put(samples, led_to, step_m)
         bandwidth_hz = self._bandwidth_test.bandwidths.least_hz
         self._vibration_test.put(samples, led_to.trajectory, led_to.geometry, bandwidth_hz)
         self._accelerometer_test.put(samples, led_to.trajectory)

@@ -40,7 +40,7 @@ def test_a_body_that_leans_is_a_doubt_of_its_roll_and_geometry() -> None:
     (event,) = put_through(cells(0.3)).events(200.0)
     assert (event.kind, event.t_s) == (DOUBT, 200.0)
     assert event.detail.startswith(
-        "roll, cross_level, twist, level, alignment: in curves the vehicle leans outwards by 3"
+        "roll, cross_level, twist, level, alignment, curvature: in curves the vehicle leans outwards by 3"
     )
     assert "rigid = false" in event.detail
 

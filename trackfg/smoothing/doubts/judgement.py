@@ -9,6 +9,7 @@ import pandas as pd
 from trackfg.factors.factor_type import FactorType
 from trackfg.results.verdict import QUANTITIES, Doubt, Quantity, Verdict, verdicts
 from trackfg.sensors.imu_filters.bandwidth import RestSpectra
+from trackfg.smoothing.doubts.axle_doubts import axle_doubts
 from trackfg.smoothing.doubts.bandwidth_doubts import bandwidth_doubts
 from trackfg.smoothing.doubts.gradient_doubts import gradient_doubts
 from trackfg.smoothing.doubts.path_doubts import path_doubts
@@ -27,7 +28,7 @@ def judged(run: SolvedRun, geometry: pd.DataFrame) -> tuple[Verdict, ...]:
     tested = self_test(run)
     bandwidths = RestSpectra.of(run.problem.run.inertial, run.problem.rests).bandwidths
     motion_doubts = [*path_doubts(run), *gradient_doubts(run), *vibration_doubts(run, geometry, bandwidths)]
-    motion_doubts += bandwidth_doubts(run, geometry, bandwidths)
+    motion_doubts += [*bandwidth_doubts(run, geometry, bandwidths), *axle_doubts(run, geometry)]
     return verdicts([*_of_what_is_measured(run), *tested.doubts, *motion_doubts, *run.doubts], tested.checked_by)
 
 

@@ -119,7 +119,7 @@ def test_a_sensor_that_does_not_move_as_the_track_does_is_a_doubt_of_the_geometr
     else:
         (event,) = events
         assert (event.kind, event.t_s) == (DOUBT, 60.0)
-        assert event.detail.startswith(f"cross_level, twist, level, alignment: {says}")
+        assert event.detail.startswith(f"cross_level, twist, level, alignment, curvature: {says}")
         assert "rigid = false" in event.detail
 
 

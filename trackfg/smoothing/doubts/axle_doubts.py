@@ -1,0 +1,75 @@
+"""A frame on two axles sees the mean of the track under both: short waves come out too small.
+
+No residual says so. Axles L apart leave cos(pi L / wavelength) of an amplitude in the path and in the roll: of waves of
+10 m 0.71 with 2.5 m, 0.95 with 1 m. So a column y of the path lacks ``-L^2 y'' / 8``
+(:mod:`trackfg.sensors.imu_filters.axles`). The heading of the chord lacks a third of that, but the graph holds it
+between the chord's and the path's.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+
+from trackfg.factors.factor_type import FactorType
+from trackfg.numerics.arrays import Array
+from trackfg.results.verdict import Doubt, Quantity
+from trackfg.sensors.imu_filters.axles import Axles, axles, means, products
+from trackfg.smoothing.doubts.vibration_doubts import COLUMNS, LEAST_WIDENING
+from trackfg.smoothing.reassessment import SolvedRun
+
+_ALL: Mapping[Quantity, str] = {"cross_level": "cross_level_mm", **COLUMNS, "curvature": "curvature_1pm"}
+
+_OVER_M = 0.5
+"""A bend is that over so much to either side, m: shorter waves are noise."""
+
+_HINT = "put the sensor on one axle, or on a frame with axles closer to each other"
+
+
+@dataclass(frozen=True)
+class Bends:
+    """How a geometry bends: of each column the number and the sum of squares of ``y''``, and of the sigmas, (5, 4)."""
+
+    sums: Array
+
+    @classmethod
+    def of(cls, geometry: pd.DataFrame, step_m: float) -> Bends:
+        """Return that of a geometry table with a row every ``step_m`` of each passage."""
+        reach = max(1, round(_OVER_M / step_m))
+        places = geometry["chainage_m"].to_numpy()
+        sums = np.zeros((len(_ALL), 4))
+        if len(places) > 2 * reach:
+            inside = np.abs(np.abs(places[2 * reach :] - places[: -2 * reach]) - 2 * reach * step_m) < 0.5 * step_m
+            for row, column in zip(sums, _ALL.values(), strict=True):
+                y, sd = geometry[column].to_numpy(), geometry[f"{column}_sd"].to_numpy()
+                bend = (y[2 * reach :] - 2.0 * y[reach:-reach] + y[: -2 * reach])[inside] / (reach * step_m) ** 2
+                row[:] = [np.isfinite(bend).sum(), np.nansum(bend**2), np.isfinite(sd).sum(), np.nansum(sd**2)]
+        return cls(sums)
+
+    def __add__(self, other: Bends) -> Bends:
+        return Bends(self.sums + other.sums)
+
+    def doubts(self, frame: Axles) -> Iterator[Doubt]:
+        """Yield doubts of the quantities of which such a frame misses more than their sigmas."""
+        for (name, column), (number, bent, sigmas, variance) in zip(_ALL.items(), self.sums.tolist(), strict=True):
+            if not (number and sigmas):
+                continue
+            missing = frame.apart_m**2 / 8.0 * math.sqrt(bent / number)
+            factor = math.hypot(1.0, missing / math.sqrt(variance / sigmas))
+            if factor >= LEAST_WIDENING:
+                unit = column.rpartition("_")[2].replace("1pm", "1/m")
+                reason = f"the sensor is on a frame whose axles are {frame.apart_m:.1f} m apart"
+                yield Doubt((name,), factor, f"{reason}: {missing:.2g} {unit} of {name} are missing", _HINT)
+
+
+def axle_doubts(run: SolvedRun, geometry: pd.DataFrame) -> list[Doubt]:
+    """Return doubts of the short waves that a frame on two axles, which follows the track, does not follow."""
+    if geometry.empty or run.problem.family(FactorType.PATH) is None:
+        return []
+    context, nav = run.problem.run, run.solution.states.nav
+    frame = axles(products(means(context.inertial, context.t, np.linalg.norm(nav.v, axis=1))))
+    return [] if frame is None else list(Bends.of(geometry, context.conventions.step_m).doubts(frame))
