@@ -43,6 +43,7 @@ from trackfg.streaming.accelerometer_test import AccelerometerTest
 from trackfg.streaming.axle_test import AxleTest
 from trackfg.streaming.bandwidth_test import BandwidthTest
 from trackfg.streaming.checkpoint.snapshot import Snapshot, dump, load_attributes
+from trackfg.streaming.cut_test import CutTest
 from trackfg.streaming.doubts import Doubts
 from trackfg.streaming.far_priors import prior_doubts
 from trackfg.streaming.lean_test import LeanTest
@@ -146,6 +147,7 @@ class FixedLagSmoother:
     _accelerometer_test: AccelerometerTest
     _bandwidth_test: BandwidthTest
     _axle_test: AxleTest
+    _cut_test: CutTest
     _doubts: Doubts
 
     def __init__(
@@ -182,7 +184,7 @@ class FixedLagSmoother:
         self._sigma_test, self._vibration_test = SigmaTest(), VibrationTest()
         self._track_cells, self._roll_test, self._lean_test = TrackCells(), RollTest(), LeanTest()
         self._accelerometer_test, self._bandwidth_test = AccelerometerTest(), BandwidthTest()
-        self._axle_test, self._doubts = AxleTest(), Doubts()
+        self._axle_test, self._cut_test, self._doubts = AxleTest(), CutTest(), Doubts()
 
     def put(self, rows: Rows) -> Estimates:
         """Take the next rows and return the estimates that they make."""
@@ -221,7 +223,7 @@ class FixedLagSmoother:
         """Return what the tests of the sigmas say now of all that has come."""
         until, running, description = self._buffer.until, self._moving.running, self._buffer.description
         doubts = self._sigma_test.events(until, positions=description.gnss is not None)
-        doubts += (*self._roll_test.events(until), *self._lean_test.events(until))
+        doubts += (*self._roll_test.events(until), *self._lean_test.events(until), *self._cut_test.events(until))
         doubts += fix_doubts(self._moving.votes.tested, self._moving.votes.squares, until)
         if running is not None:
             doubts += self._vibration_test.events(until, running.context.conventions)
@@ -323,6 +325,8 @@ class FixedLagSmoother:
         self._roll_test.put(cells)
         if self._buffer.description.imu.rigid:
             self._lean_test.put(cells)
+        else:
+            self._cut_test.put(cells, smoothed, self._moving.votes.tested)
 
     def _test_samples(self, samples: Intervals, running: RunningWindow, led_to: Tables) -> None:
         """Take samples, and the tables that they led to, into the tests of what the sensor makes of the track."""
