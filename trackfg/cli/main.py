@@ -65,7 +65,7 @@ from trackfg.cli.terminal import (
     working,
 )
 from trackfg.errors import BadInputError
-from trackfg.files.atomic_folder import real_path
+from trackfg.files.atomic_folder import beside
 
 if TYPE_CHECKING:
     from trackfg.results.result import Result
@@ -406,10 +406,9 @@ def report(asked: ReportOptions) -> None:
     from trackfg.report.truth import is_without_truth
 
     with working("page"):
-        whole = real_path(asked.folder)
         page = write_report(
             asked.folder,
-            asked.out or whole.parent / f"{whole.name}.html",
+            asked.out or beside(asked.folder, ".html"),
             recording=asked.recording,
             limits=limit_choice(asked.limits, asked.level, asked.line_speed),
             km=asked.km,

@@ -11,7 +11,7 @@ import typer
 from trackfg.cli.options import Level, Limits, LineSpeed, ResultFolder, limit_choice, out_file, refuse_inside
 from trackfg.cli.terminal import complain, print_unless_quiet, working
 from trackfg.errors import BadInputError, counted
-from trackfg.files.atomic_folder import real_path
+from trackfg.files.atomic_folder import beside
 
 if TYPE_CHECKING:
     from trackfg.geometry.limits import LimitChoice
@@ -41,8 +41,7 @@ def plot(
     from trackfg.plots.trajectory_chart import plot_trajectory
     from trackfg.results.result import Result
 
-    folder = real_path(result)
-    path = picture_path(out or folder.parent / f"{folder.name}.png")
+    path = picture_path(out or beside(result, ".png"))
     refuse_inside(result, path)
     content = Result.read(result)
     choice = limit_choice(limits, level, line_speed)

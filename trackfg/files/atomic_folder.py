@@ -81,6 +81,14 @@ def real_path(path: Path) -> Path:
     return Path(os.path.realpath(path))
 
 
+def beside(folder: Path, suffix: str) -> Path:
+    """Return the path of a file beside a folder and named after it, as the folder's path is written where it has its
+    name: of ``.`` and of links it is absolute.
+    """
+    whole = real_path(folder)
+    return (folder if folder.name == whole.name else whole).with_name(f"{whole.name}{suffix}")
+
+
 def recover(target: Path) -> None:
     """Put back a folder whose replacement was cut short between moving it away and moving the new one in."""
     target = real_path(target)

@@ -286,7 +286,8 @@ def _map(result: Result, against: Against | None, along: _Along) -> PageSection:
     behind = along.background
     truth = None if against is None else against.trajectory
     chart = path_map(result, truth, along.marks(result), behind.lines, behind.points)
-    note = "Local coordinates, equal scales. Circles are chainages; curves have the numbers of their table."
+    circles = "Circles with km are chainages, those with numbers the curves of the table."
+    note = f"Local coordinates, equal scales. {circles}"
     return PageSection("map", "Map of the path", (Drawing(chart, note=note),), "Map")
 
 
