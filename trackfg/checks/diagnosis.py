@@ -79,7 +79,8 @@ def estimates_of(recording: Recording) -> Estimates:
     if tach is not None:
         sensed = with_sense(recording)
         usable = replace(recording, tach=without_silence(sensed, silent) if silent else sensed)
-    axes = estimate_axes(usable.imu, usable.tach, recording.description.imu.axes, recording.gnss)
+    speeds = recording.others.get(GNSS_SPEED_TABLE)
+    axes = estimate_axes(usable.imu, usable.tach, recording.description.imu.axes, recording.gnss, speeds)
     standstills = find_standstills(usable, min_duration_s=3.0)
     offset = estimate_clock_offset(usable)
     fixes, gnss = recording.fixes, recording.gnss
@@ -102,5 +103,5 @@ def estimates_of(recording: Recording) -> Estimates:
         silent_spans=silent,
         accelerometer_clock=accelerometer_clock(usable),
         bandwidths=RestSpectra.of(intervals(recording), standstills).bandwidths,
-        receiver_speed_scale=receiver_speed_scale(usable.others.get(GNSS_SPEED_TABLE), usable.gnss, usable.tach),
+        receiver_speed_scale=receiver_speed_scale(speeds, usable.gnss, usable.tach),
     )

@@ -1,8 +1,9 @@
-"""Which way the IMU's columns point, from gravity and from the tach or else from positions.
+"""Which way the IMU's columns point, from gravity and from the tach, or else from a receiver's speeds or positions.
 
 * Up: at rest and on average, specific force points up.
 * Forward: ``f_x = dv/dt - g sin(pitch)`` correlates with the tach's acceleration; backwards, the sign is negative.
-  Without a tach it is that of the positions, along chords of some seconds: the band is slower then.
+  Without a tach it is that of the receiver's own speeds, else of the positions, along chords of some seconds: the band
+  is slower then. An axis is shown where it correlates surely better than the other one across gravity.
 * Left: ``f_y = v w_z + g sin(roll)`` and ``d roll/dt = w_x`` give ``f_y = v w_z + g int w_x dt``, with cant or without.
   The slope of f_y on the right-hand side is 1; it is negative where gyro and accelerometer disagree in sign, and pi/180
   (180/pi) where the gyro is in deg/s (rad/s) but declared otherwise.
@@ -18,7 +19,7 @@ import numpy as np
 import pandas as pd
 
 from trackfg.checks.diagnosis_clock import lagged_correlation, tach_acceleration
-from trackfg.checks.diagnosis_positions import path_along
+from trackfg.checks.diagnosis_positions import path_along, path_of
 from trackfg.numerics import rotations
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.units import STANDARD_GRAVITY
@@ -42,9 +43,11 @@ class Comparison(NamedTuple):
 
 
 BY_TACH = Comparison(_SHORT_S, _LONG_S, max_lag_s=20.0, least_s=10.0)
-BY_POSITIONS = Comparison(2.0, 12.0, max_lag_s=3.0, least_s=120.0)
+BY_RECEIVER = Comparison(2.0, 12.0, max_lag_s=3.0, least_s=120.0)
 """Chords of positions last 4 s, and a receiver is late by up to 2 s. In five records of 600 s and more, one of them a
 car's, other axes than the forward one correlate by less than 0.3."""
+_SURE = 2.0
+"""Sigmas by which Fisher's transforms of the correlations of two axes differ where one of them is shown."""
 
 AXES = tuple(
     "".join(letters)
@@ -53,6 +56,9 @@ AXES = tuple(
     if np.linalg.det(rotations.axes_matrix("".join(letters))) > 0
 )
 """The 24 right-handed triads."""
+
+
+ForwardBy = Literal["tach", "receiver", "positions"]
 
 
 @dataclass(frozen=True)
@@ -71,7 +77,7 @@ class AxesEstimate:
     up: tuple[float, float, float]
     tilt_deg: float
     magnitude_mps2: float
-    forward_by: Literal["tach", "positions"] | None = None
+    forward_by: ForwardBy | None = None
     forward_correlation: float | None = None
     best_forward: str | None = None
     best_forward_correlation: float | None = None
@@ -86,11 +92,15 @@ class AxesEstimate:
 
 
 def estimate_axes(
-    imu: pd.DataFrame, tach: pd.DataFrame | None, declared: str, gnss: pd.DataFrame | None = None
+    imu: pd.DataFrame,
+    tach: pd.DataFrame | None,
+    declared: str,
+    gnss: pd.DataFrame | None = None,
+    speeds: pd.DataFrame | None = None,
 ) -> AxesEstimate:
     """Return everything above, from the tables that were read with ``imu.axes = declared``.
 
-    ``gnss`` counts without a tach.
+    ``speeds`` of a receiver count without a tach, and its positions ``gnss`` without either.
     """
     up = mean_specific_force(imu)
     magnitude = float(np.linalg.norm(up))
@@ -98,17 +108,20 @@ def estimate_axes(
     vertical = int(np.argmax(np.abs(up)))
     motion = None if tach is None else averaged(imu, tach, _STEP_S)
     forward = None if motion is None else forward_correlations(motion)
-    by: Literal["tach", "positions"] = "tach"
-    if tach is None and gnss is not None and (path := path_along(gnss, imu["t_s"].to_numpy())) is not None:
-        moved = averaged(imu, path, _STEP_S)
-        forward, by = None if moved is None else forward_correlations(moved, BY_POSITIONS), "positions"
+    by: ForwardBy = "tach"
+    if tach is None and speeds is not None and len(speeds) > 1:
+        forward, by = _by_receiver(imu, path_of(speeds)), "receiver"
+    if tach is None and forward is None and gnss is not None:
+        forward, by = _by_receiver(imu, path_along(gnss, imu["t_s"].to_numpy())), "positions"
     lateral = None if motion is None else lateral_balance(motion)
     best, name, best_value = None, None, None
     if forward is not None:
         level = np.where(np.arange(3) == vertical, 0.0, forward)
         axis = int(np.argmax(np.abs(level)))
         name, best_value = f"{'-+'[int(level[axis] > 0)]}{'xyz'[axis]}", float(abs(level[axis]))
-        if best_value >= _MIN_CORRELATION:
+        others = np.delete(np.abs(level), [axis, vertical])
+        is_sure = by == "tach" or _is_sure(best_value, float(others[0]), np.ptp(imu["t_s"]))
+        if best_value >= _MIN_CORRELATION and is_sure:
             best = np.sign(level[axis]) * np.eye(3)[axis]
     return AxesEstimate(
         declared=declared,
@@ -124,6 +137,23 @@ def estimate_axes(
         lateral_correlation=None if lateral is None else lateral[1],
         gyro_slope=None if lateral is None else lateral[0],
     )
+
+
+def _by_receiver(imu: pd.DataFrame, path: pd.DataFrame | None) -> Array | None:
+    """Return the correlation of each axis with the acceleration along a receiver's path; None where it shows none."""
+    motion = None if path is None else averaged(imu, path, _STEP_S)
+    return None if motion is None else forward_correlations(motion, BY_RECEIVER)
+
+
+def _is_sure(correlation: float, other: float, duration_s: float) -> bool:
+    """Return whether a correlation is surely greater than another one.
+
+    Averages of standard deviation s are as many independent ones as there are times of 2 sqrt(pi) s; Fisher's transform
+    of a correlation of n has the variance 1 / (n - 3).
+    """
+    count = duration_s / (2.0 * np.sqrt(np.pi) * BY_RECEIVER.short_s)
+    beyond = np.arctanh(min(correlation, 1.0 - 1e-9)) - np.arctanh(min(other, 1.0 - 1e-9))
+    return bool(count > 3.0 and beyond > _SURE * np.sqrt(2.0 / (count - 3.0)))
 
 
 def mean_specific_force(imu: pd.DataFrame) -> Array:

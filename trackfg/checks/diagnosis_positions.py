@@ -18,6 +18,7 @@ import pandas as pd
 from trackfg.checks.diagnosis_clock import Lag, best_lag
 from trackfg.checks.diagnosis_speed import Slope, slope_of
 from trackfg.numerics.arrays import Array
+from trackfg.numerics.integrals import trapezoid_integral
 from trackfg.numerics.robust import jackknife_sd
 from trackfg.numerics.spans import median_interval
 from trackfg.recording.model import Recording
@@ -100,6 +101,12 @@ def _gnss_lag(tach: pd.DataFrame, gnss: pd.DataFrame) -> Lag | None:
     if np.sqrt(np.mean(a**2)) < _MIN_SPEED_CHANGE:
         return None
     return best_lag(a, b, _STEP_S, _LONG_S, _MAX_LAG_S, _MIN_CORRELATION)
+
+
+def path_of(speeds: pd.DataFrame) -> pd.DataFrame:
+    """Return the path of a receiver's speeds as a tach's table."""
+    t = speeds["t_s"].to_numpy()
+    return pd.DataFrame({"t_s": t, "distance_m": trapezoid_integral(t, speeds["speed_mps"].to_numpy())})
 
 
 def path_along(gnss: pd.DataFrame, shared: Array) -> pd.DataFrame | None:

@@ -378,3 +378,34 @@ def test_a_recording_of_the_imu_alone_is_diagnosed_too(make_draft: MakeDraft, tm
     assert report.findings == ()
     assert "clock_offset" not in report.estimates
     assert report.estimates["axes"]["proposed"] == "FLU"
+
+
+@pytest.fixture(scope="module")
+def with_receiver() -> tuple[pd.DataFrame, pd.DataFrame, pd.DataFrame]:
+    """Samples of a run of 140 s from a rest, its positions at 1 Hz, and the true speeds at these times."""
+    simulated = simulate("mainline-gnss", seed=1, duration_s=140.0)
+    gnss, truth = simulated.recording.gnss, simulated.truth
+    assert gnss is not None
+    speed = np.interp(gnss["t_s"], truth["t_s"], truth["speed_mps"])
+    return simulated.recording.imu, gnss, pd.DataFrame({"t_s": gnss["t_s"], "speed_mps": speed})
+
+
+@pytest.mark.parametrize("sense", [1.0, -1.0])
+def test_speeds_of_a_receiver_show_the_forward_axis_without_a_tach(with_receiver, sense):
+    imu, gnss, speeds = with_receiver
+    noisy = speeds.assign(speed_mps=speeds["speed_mps"] + 0.1 * np.random.default_rng(0).standard_normal(len(speeds)))
+    turned = imu.assign(**{name: sense * imu[name] for name in ("wx_radps", "wy_radps", "fx_mps2", "fy_mps2")})
+    found = estimate_axes(turned, None, "FLU", gnss, noisy)
+    assert (found.forward_by, found.shown_by) == ("receiver", "motion")
+    assert found.proposed == ("FLU" if sense > 0.0 else "BRU")
+
+
+def test_positions_that_are_too_poor_show_no_wrong_forward_axis() -> None:
+    """Errors of 10 m make another axis than the forward one correlate by more than a half in one of these draws."""
+    run = simulate("mainline-gnss", seed=2, duration_s=140.0).recording
+    assert run.gnss is not None
+    for seed in range(20):
+        error = np.random.default_rng(seed).normal(0.0, 10.0, (len(run.gnss), 2))
+        poor = run.gnss.assign(east_m=run.gnss["east_m"] + error[:, 0], north_m=run.gnss["north_m"] + error[:, 1])
+        found = estimate_axes(run.imu, None, "FLU", poor)
+        assert found.proposed == "FLU"

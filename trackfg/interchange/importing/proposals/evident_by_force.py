@@ -95,7 +95,7 @@ def _direction(proposal: Proposal, recording: Recording) -> None:
 def _axes(proposal: Proposal, estimates: Estimates, recording: Recording, ask: Ask) -> None:
     imu, axes = proposal.sections["imu"], estimates.axes
     correlation = axes.best_forward_correlation
-    if correlation is not None and correlation >= CheckLimits().axis_correlation:
+    if correlation is not None and axes.shown_by == "motion":
         imu["axes"] = axes.proposed
         shown = f"gravity and the acceleration of the {axes.forward_by} show it"
         proposal.reasons["imu.axes"] = f"{shown} (correlation {correlation:.2f})"
