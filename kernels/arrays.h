@@ -114,6 +114,7 @@ PyObject *trajectory_rows(PyObject *, PyObject *arguments);
 PyObject *spread(PyObject *, PyObject *arguments);
 PyObject *dense_motion(PyObject *, PyObject *arguments);
 PyObject *hermite_at(PyObject *, PyObject *arguments);
+PyObject *resample(PyObject *, PyObject *arguments);
 PyObject *add_weighted_rows(PyObject *, PyObject *arguments);
 PyObject *add_up_rows(PyObject *, PyObject *arguments);
 PyObject *switch_chain(PyObject *, PyObject *arguments);

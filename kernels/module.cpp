@@ -33,6 +33,7 @@ static PyMethodDef methods[] = {
     {"spread", spread, METH_VARARGS, "Compute the variances of predicted residuals."},
     {"dense_motion", dense_motion, METH_VARARGS, "Follow the motion between keyframes."},
     {"hermite_at", hermite_at, METH_VARARGS, "Evaluate cubics."},
+    {"resample", resample, METH_VARARGS, "Bring samples to a uniform step."},
     {"add_weighted_rows", add_weighted_rows, METH_VARARGS, "Add weighted sums of rows."},
     {"add_up_rows", add_up_rows, METH_VARARGS, "Make running sums of rows."},
     {"switch_chain", switch_chain, METH_VARARGS, "Find the states of a chain of switches."},
@@ -50,7 +51,7 @@ static PyModuleDef definition = {
 PyMODINIT_FUNC PyInit_compiled() {
     PyObject *module = PyModule_Create(&definition);
     // Raised by one whenever a function's arguments change, so that a build of older sources is not called.
-    if (module != nullptr && (PyModule_AddIntConstant(module, "REVISION", 31) != 0 ||
+    if (module != nullptr && (PyModule_AddIntConstant(module, "REVISION", 32) != 0 ||
                               PyModule_AddIntConstant(module, "DELTA_SIZE", DELTA_SIZE) != 0)) {
         Py_DECREF(module);
         return nullptr;

@@ -26,6 +26,7 @@ from trackfg.errors import BadInputError
 from trackfg.geometry.grid import wave_number
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.hermite import hermite_at, spline_velocities
+from trackfg.numerics.kernels import compiled_kernels, kernel_argument
 
 FEWEST_SAMPLES = 4
 """Samples that a cubic spline without given slopes at its ends needs."""
@@ -71,10 +72,14 @@ def resample(
     for begin in range(0, len(grid), _CHUNK):
         part = out[..., begin : begin + _CHUNK]
         start = (first + begin) * _CELLS - reach
-        fine = np.arange(start, start + (part.shape[-1] - 1) * _CELLS + 2 * reach + 1) * cell
-        fine = np.clip(fine, node[0], node[-1])  # what stands beyond the ends is not used: see `known`
-        low, high = np.searchsorted(node, fine[[0, -1]])
+        end = start + (part.shape[-1] - 1) * _CELLS + 2 * reach
+        low, high = np.searchsorted(node, np.clip([start * cell, end * cell], node[0], node[-1])).tolist()
         near = slice(max(low - _BEYOND, 0), high + _BEYOND)
+        if compiled_kernels():
+            part[...] = nodes.resampled(value, near, start, cell, taps, part.shape[-1])
+            continue
+        # What stands beyond the ends is not used: see `known`.
+        fine = np.clip(np.arange(start, end + 1) * cell, node[0], node[-1])
         at_nodes = nodes.values(value, near)
         cells = hermite_at(fine, node[near], at_nodes, spline_velocities(node[near], at_nodes))
         part[...] = _decimate(cells, taps)
@@ -134,6 +139,19 @@ class _Nodes:
         low = np.where(np.concatenate([[False], adjacent]), middle - 0.25 * cell, -np.inf)
         high = np.where(np.concatenate([adjacent, [False]]), middle + 0.25 * cell, np.inf)
         return cls(edges, mean, np.clip(mean, low, high))
+
+    def resampled(self, samples: Array, some: slice, start: int, cell: float, taps: Array, steps: int) -> Array:
+        """Return the spline through some of the nodes, four or more, by those of all samples (..., m), at cells from
+        number ``start`` on, low-passed, at every step (..., steps), in ``kernels/resampling.cpp``.
+        """
+        from trackfg.numerics import compiled
+
+        mean, place = self.mean[some], self.place[some]
+        edges = self.edges[some.start : some.start + len(mean) + 1]
+        near, out = samples[..., edges[0] : edges[-1]], np.empty((*samples.shape[:-1], steps))
+        rows, written = kernel_argument(near).reshape(-1, near.shape[-1]), out.reshape(-1, steps)
+        compiled.resample(edges - edges[0], mean, place, rows, start, cell, _CELLS, taps, written)
+        return out
 
     def values(self, samples: Array, some: slice) -> Array:
         """Return values at some of the nodes, three or more, from those of all samples (..., m)."""

@@ -254,6 +254,18 @@ def dense_motion(
     rows: tuple[Array, ...],
     /,
 ) -> None: ...
+def resample(
+    edges: np.ndarray,
+    mean: Array,
+    place: Array,
+    samples: Array,
+    start: int,
+    cell: float,
+    step: int,
+    taps: Array,
+    out: Array,
+    /,
+) -> None: ...
 def hermite_at(t: Array, times: Array, places: Array, velocities: Array, out: Array, /) -> None: ...
 def switch_chain(
     z: Array, transition: Array, stay_cost: float, outlier: float, inlier_before: float, first: Array, /

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import itertools
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pytest
@@ -28,6 +30,16 @@ def test_waves_from_one_metre_keep_amplitude_and_phase(spacing: float, wavelengt
     known = np.isfinite(out)
     assert known.sum() > 150
     assert np.abs(out - np.sin(2.0 * np.pi * grid / wavelength + 0.4))[known].max() < 0.01
+
+
+@pytest.mark.parametrize("spacing", [0.002, 0.03, 0.2])
+def test_a_kernel_resamples_as_arrays_do(
+    spacing: float, with_both: Callable[[Callable[[], Any]], tuple[np.ndarray, np.ndarray]]
+) -> None:
+    x = places(1200.0, spacing)
+    rows = 1e3 + np.stack([np.sin(x), 1e-4 * x**2, np.random.default_rng(1).normal(size=len(x))]).reshape(3, 1, -1)
+    compiled, arrays = with_both(lambda: resample(x, rows)[1])
+    np.testing.assert_allclose(compiled, arrays, rtol=0.0, atol=1e-10)
 
 
 @pytest.mark.parametrize("wavelength", [0.5, 0.6, 0.7, 0.8])
