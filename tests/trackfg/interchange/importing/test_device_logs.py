@@ -244,6 +244,18 @@ def _packets_of_samples(drive: Drive, folder: Path) -> Path:
     return folder / "log.json"
 
 
+def _packets_of_axes(drive: Drive, folder: Path) -> Path:
+    """A list for each axis, with one time for ten samples, beside a quaternion."""
+    values = dict(zip(NAMES[1:7], np.hstack([drive.gyro, drive.accel]).T, strict=True))
+    packets = [
+        {"t": float(drive.t[i]), **{name: axis[i : i + 10].tolist() for name, axis in values.items()}}
+        for i in range(0, drive.t.size, 10)
+    ]
+    return _lines(
+        folder / "log.jsonl", [json.dumps({**packet, "info": {"q": [1.0, 0.0, 0.0, 0.0]}}) for packet in packets]
+    )
+
+
 def _words_that_end_in_y(drive: Drive, folder: Path) -> Path:
     """MoTeC names rates ``Gyro Roll Velocity``, and forces ``G Force Long``; all its cells are in quotation marks."""
     names = ["Time", *(f"Gyro {axis} Velocity" for axis in ("Roll", "Pitch", "Yaw"))]
@@ -313,7 +325,7 @@ def _merged_names(drive: Drive, folder: Path) -> Path:
     return _lines(folder / "log.txt", head + rows)
 
 
-WITHOUT_A_WHEEL = (_numbers_of_sensors, _two_units_in_turn, _packets_of_samples)
+WITHOUT_A_WHEEL = (_numbers_of_sensors, _two_units_in_turn, _packets_of_samples, _packets_of_axes)
 WITH_A_WHEEL = (
     _axes_alone, _axes_alone_and_numbered, _pairs, _pairs_of_a_serial_monitor, _pairs_with_units,
     _pairs_of_a_time_series, _pairs_in_braces, _units_in_cells, _names_in_lines_of_data,

@@ -13,6 +13,8 @@ from trackfg.interchange.importing.source_table import SourceTable
 
 _DEPTH = 4
 """Records are nested no deeper."""
+_AXES = 6
+"""Axes of gyro and accelerometer: fewer lists beside each other are matrices, quaternions and the like."""
 
 
 def table_of_records(records: Iterable[dict[str, Any]], name: str) -> SourceTable:
@@ -48,14 +50,30 @@ def _length(value: Any, depth: int) -> int:
         return len(value) if len(value) > 1 and all(isinstance(sample, dict) for sample in value) else 0
     if not isinstance(value, dict) or not depth:
         return 0
+    if (axes := _length_of_axes(value)) > 0:
+        return axes
     lengths = {length for part in value.values() if (length := _length(part, depth - 1))}
     return lengths.pop() if len(lengths) == 1 else 0
+
+
+def _length_of_axes(packet: dict[str, Any]) -> int:
+    """Return how long the lists are that hold the samples of an axis each; 0 where these are not as many, or differ."""
+    lists = [value for value in packet.values() if isinstance(value, list) and len(value) > 1]
+    lists = [value for value in lists if all(isinstance(sample, int | float) for sample in value)]
+    lengths = {len(value) for value in lists}
+    return lengths.pop() if len(lists) >= _AXES and len(lengths) == 1 else 0
 
 
 def _nth(value: Any, i: int, count: int, depth: int) -> Any:
     """Return a value with the sample ``i`` in place of each list of ``count`` samples."""
     if isinstance(value, dict) and depth:
-        return {name: _nth(part, i, count, depth - 1) for name, part in value.items()}
+        of_axes = _length_of_axes(value) == count
+        return {
+            name: part[i]
+            if of_axes and isinstance(part, list) and len(part) == count
+            else _nth(part, i, count, depth - 1)
+            for name, part in value.items()
+        }
     return value[i] if _length(value, 0) == count else value
 
 
