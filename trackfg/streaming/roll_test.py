@@ -15,16 +15,17 @@ from trackfg.results.events import DOUBT, Event
 from trackfg.smoothing.passage import STEP_M
 from trackfg.smoothing.straights import (
     MARGIN,
-    NOTICED_RAD,
     SHORTEST_M,
     in_words,
     straight,
     straightest,
-    unexplained_roll,
 )
 
 _SIGMAS = 3.3
 """Of the mean roll, within which it is chance, at the probability of 1e-3 as of other doubts of a stream."""
+
+_ALIKE_CELLS = 3.0
+"""Irregularities of the cross-level are alike over some 30 m, so that so many cells are worth one."""
 
 
 @dataclass
@@ -32,12 +33,13 @@ class RollTest:
     """Sums over the cells on straights.
 
     ``fastest_mps``: the vehicle's highest speed; ``cells`` (c, 4): heading, roll, rad, the variance of roll, and the
-    highest speed so far; ``sums`` (3,): the number of cells on straights, and the sums of roll and variance.
+    highest speed so far; ``sums`` (4,): the number of cells on straights, and the sums of roll, of its variance and of
+    its square.
     """
 
     fastest_mps: float = 0.0
     cells: Array = field(default_factory=lambda: np.zeros((0, 4)))
-    sums: Array = field(default_factory=lambda: np.zeros(3))
+    sums: Array = field(default_factory=lambda: np.zeros(4))
 
     def put(self, cells: Array) -> None:
         """Take the next cells (c, 4)."""
@@ -51,16 +53,20 @@ class RollTest:
             inner = slice(MARGIN, len(self.cells) - MARGIN)
             on_straight = straight(self.cells[:, 0], straightest(self.cells[:, 3]))
             cells = self.cells[inner][on_straight[inner]]
-            self.sums += [len(cells), *cells[:, 1:3].sum(axis=0)]
+            self.sums += [len(cells), *cells[:, 1:3].sum(axis=0), (cells[:, 1] ** 2).sum()]
             self.cells = self.cells[-2 * MARGIN :].copy()
 
     def events(self, until_s: float) -> tuple[Event, ...]:
-        """Return an event if the sigmas do not explain the mean roll on straights, known at the end of a stream."""
-        number, roll, variance = self.sums
+        """Return an event if the sigmas do not explain the mean roll on straights, known at the end of a stream.
+
+        What the track's own irregularities leave of the mean is no tilt.
+        """
+        number, roll, variance, squares = self.sums
         if number * STEP_M < SHORTEST_M:
             return ()
-        mean, square = roll / number, variance / number
-        if mean**2 < _SIGMAS**2 * square or unexplained_roll(mean, square) < NOTICED_RAD:
+        mean = roll / number
+        of_track = (squares / number - mean**2) * _ALIKE_CELLS / number
+        if mean**2 < _SIGMAS**2 * (variance / number + of_track):
             return ()
         advice = "declare mount_rpy_deg or mount_roll_sd_deg of [imu], or smooth the recording"
         return (Event(DOUBT, t_s=until_s, detail=f"roll, cross_level: {in_words(mean)}: {advice}"),)
