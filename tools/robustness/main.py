@@ -6,6 +6,7 @@ batch      every effect of :mod:`trackfg.datasets.effects` at each of its magnit
 stream     six of the effects, or those that are named, as a stream with 20 s of lag
 floor      100 random runs with sensors of a few euros against dead reckoning
 combined   60 random runs in which two to six effects come together
+maps       maps of ten rough rides: curve points against the designed line
 real       KITTI, Kingston, comma2k19 and drives of the Wheel Inertial Dataset with the default settings
 
 Printed are a table, a row per case and quantity, and the list of what misses the acceptance:
@@ -16,8 +17,8 @@ Printed are a table, a row per case and quantity, and the list of what misses th
 3 oracle   an error more than twice the oracle's
 4 floor    an error more than 5 % above that of dead reckoning
 
-    python tools/robustness.py [--parts batch stream floor combined real] [--effects clean imu-noise=3 ...] [--seeds 5]
-                               [--first-seed 0] [--duration 600] [--jobs 2] [--floor-runs 100]
+    python tools/robustness.py [--parts batch stream floor combined maps real] [--effects clean imu-noise=3 ...]
+                               [--seeds 5] [--first-seed 0] [--duration 600] [--jobs 2] [--floor-runs 100]
                                [--combined-runs 60] [--out FILE] [--data ../shared/data]
 """
 
@@ -31,7 +32,7 @@ from pathlib import Path
 import pandas as pd
 from benchmark import Call, add_seed_arguments, seeds_of, side_by_side
 
-from robustness import drives
+from robustness import drives, maps
 from robustness.cases import STREAMED, Case, cases
 from robustness.combined import CombinedRun
 from robustness.low_cost import LowCostRun
@@ -39,7 +40,7 @@ from robustness.real import as_table, real_scores
 from robustness.scores import measured, measured_stream
 from robustness.table import failures, floor_markdown, markdown
 
-PARTS = ("batch", "stream", "floor", "combined", "real")
+PARTS = ("batch", "stream", "floor", "combined", "maps", "real")
 RANDOM = ("floor", "combined")
 """Parts whose runs are drawn."""
 
@@ -95,7 +96,8 @@ def main() -> None:
     parser.add_argument("--data", type=Path, default=default, help="folder with kingston/ and comma2k19/")
     arguments = parser.parse_args()
     start = time.perf_counter()
-    calls = calls_of(arguments, seeds_of(parser, arguments))
+    seeds = seeds_of(parser, arguments)
+    calls = calls_of(arguments, seeds)
     if calls:
         rows = pd.concat(side_by_side(calls, arguments.jobs, "runs").values(), ignore_index=True)
         missed = list(failures(rows))
@@ -108,6 +110,11 @@ def main() -> None:
         print(f"\n{len(missed)} misses of the acceptance\n", *missed, sep="\n")
         if arguments.out is not None:
             rows.to_csv(arguments.out, index=False)
+    if "maps" in arguments.parts:
+        made: dict[tuple[str, int], Call] = {
+            ("map", seed): (maps.measured_maps, (seed, arguments.duration)) for seed in seeds
+        }
+        print(maps.as_table(pd.concat(side_by_side(made, arguments.jobs, "maps").values(), ignore_index=True)))
     if "real" in arguments.parts:
         print(as_table(list(real_scores(arguments.data))))
         if (arguments.data / "wid").is_dir():

@@ -13,7 +13,8 @@ variable before a walk is.
 
 A scale that may walk everywhere makes every distance unsure, though creep begins and ends at a few places. So where it
 still changes then, it walks where :mod:`trackfg.solver.scale_changes` has it change, by as much as is probable there:
-little at many places where the data are indecisive, so that sigmas allow for each of them.
+little at many places where the data are indecisive, so that sigmas allow for each of them. A change that is likely but
+not certain is allowed for by its probability.
 
 In a run with a further tach the scale is constant. The difference between the wheels shows which of them creeps. A
 scale that walks would absorb that difference, and the estimate would follow the wheel that creeps.
@@ -90,7 +91,7 @@ def wheel_scale(run: SolvedRun) -> Reassessment:
             families, evidence = with_offset, beside
     changes = scale_changes(*evidence.on_changes(constant, edges))
     judged = constant
-    if changes.log_odds > CLEARLY:
+    if changes.log_odds > (0.0 if walks else CLEARLY):
         everywhere = _walking_everywhere(evidence, constant, run.config.tach.scale_walk_per_sqrt_m)
         candidates = (everywhere, _walking_at(edges, changes.variance, constant)) if walks else (everywhere,)
         judged = max(candidates, key=evidence.log_likelihood)

@@ -122,6 +122,26 @@ def test_a_walk_that_is_not_likelier_any_more_is_taken_back(constant: SmoothedSt
     np.testing.assert_array_equal(chain.sigma, declared.sigma)
 
 
+@pytest.mark.parametrize("log_odds", [-0.5, 0.5])
+def test_a_change_that_is_still_more_probable_than_none_stays_allowed_for(
+    constant: SmoothedStates, monkeypatch: pytest.MonkeyPatch, log_odds: float
+) -> None:
+    problem = constant.problem
+    edges = _edges(problem.t, constant.solution.states.odo.distance)
+    variance = np.full(len(edges), 1e-9)
+    monkeypatch.setattr("trackfg.smoothing.wheel_scale.scale_changes", lambda *_: ScaleChanges(log_odds, variance))
+    declared = constant.declared.family(FactorType.DISTANCE_CHAIN)
+    assert declared is not None
+    families = changed(
+        problem.families, FactorType.DISTANCE_CHAIN, lambda chain: replace(chain, sigma=chain.sigma * [1.0, 3000.0])
+    )
+    judged = wheel_scale(replace(constant, problem=replace(problem, families=families))).problem
+    chain = judged.family(FactorType.DISTANCE_CHAIN)
+    assert chain is not None
+    expected = declared if log_odds < 0.0 else _walking_at(edges, variance, declared)
+    np.testing.assert_allclose(chain.sigma, expected.sigma)
+
+
 def test_a_scale_is_judged_again_only_where_what_shows_it_has_changed(
     constant: SmoothedStates, monkeypatch: pytest.MonkeyPatch
 ) -> None:
