@@ -295,11 +295,12 @@ def _usual_width(rows: list[list[str]]) -> int:
 def first_data_row(rows: list[list[str]], width: int) -> int | None:
     """Return the first row of values: most of its cells are, or those in the columns in which all later ones are.
 
-    A line above a table may have as many cells, of which all but a few are empty.
+    A line above the names may have as many cells, of which all but a few are empty. So may the first rows of values.
     """
     later = [row for row in rows[len(rows) // 2 :] if len(row) == width]
     usual = float(np.median([sum(map(bool, row)) for row in later])) if later else 0.0
     always = [i for i in range(width) if len(later) > 1 and all(row[i] and _is_value(row[i]) for row in later)]
+    last_names = max((i for i, row in enumerate(rows) if len(row) == width and _is_of_names(row, usual)), default=-1)
     for i, row in enumerate(rows):
         if always and len(row) == width and all(row[k] and _is_value(row[k]) for k in always):
             return i
@@ -307,9 +308,16 @@ def first_data_row(rows: list[list[str]], width: int) -> int | None:
         values = [cell for cell in filled if _is_value(cell)]
         numbers = any(_NUMBER.match(cell) for cell in values)
         mostly_values = len(values) == len(filled) or (numbers and 2 * len(values) >= len(filled))
-        if len(row) == width and filled and 2 * len(filled) >= usual and mostly_values:
+        is_above_names = 2 * len(filled) < usual and i < last_names
+        if len(row) == width and filled and mostly_values and not is_above_names:
             return i
     return None
+
+
+def _is_of_names(row: list[str], usual: float) -> bool:
+    """Return whether a row has half as many cells as is ``usual`` or more, and most of them are no values."""
+    filled = [cell for cell in row if cell]
+    return 2 * len(filled) >= usual and 2 * sum(map(_is_value, filled)) < len(filled)
 
 
 def header_of(

@@ -21,7 +21,7 @@ from trackfg.interchange.importing.conversion import Imported
 from trackfg.interchange.importing.sample_stamps import spread_stamps
 from trackfg.interchange.importing.source_table import SourceTable
 from trackfg.interchange.importing.stations import read_stations
-from trackfg.interchange.importing.text_dialect import DialectOptions, dialect_of
+from trackfg.interchange.importing.text_dialect import DialectOptions, dialect_of, first_data_row
 from trackfg.interchange.importing.text_table import read_text
 from trackfg.interchange.importing.times import TimeNotation, read_times, unwrapped
 
@@ -34,6 +34,13 @@ def _write(folder: Path, text: str, encoding: str = "utf-8") -> Path:
     path = folder / "log.csv"
     path.write_bytes(text.encode(encoding))
     return path
+
+
+def test_a_row_with_few_cells_is_one_of_values_unless_the_names_follow():
+    names = ["row", "place [m]", "level [mm]", "twist [mm]", "alignment [mm]", "gauge [mm]"]
+    values = [[str(i), str(0.25 * i), "1.5", "-0.2", "0.7", "1435.1"] for i in range(4)]
+    assert first_data_row([names, ["0", "0.0", "", "", "", ""], *values], len(names)) == 1
+    assert first_data_row([["rate", "100", "", "", "", ""], names, *values], len(names)) == 2
 
 
 @pytest.mark.parametrize("delimiter", [";", "\t", ",", "|", "  "])
