@@ -44,7 +44,7 @@ constexpr std::size_t BLOCK = std::size_t{1} << 24;      // bytes that no array 
 constexpr std::size_t RESERVED = std::size_t{1} << 38;   // addresses for the file, bytes: 256 GiB
 constexpr std::size_t GROWTH = std::size_t{64} << 20;    // bytes that the file grows by at least
 constexpr std::size_t PAGE = std::size_t{1} << 16;       // places begin at multiples of this: of all sizes of pages
-constexpr auto WATCHED_EVERY = std::chrono::milliseconds(5);  // in which a process faults in some 20 MB
+constexpr auto WATCHED_EVERY = std::chrono::milliseconds(1);  // in which a process faults in some 50 pages of 2 MiB
 
 // Places in a file that is mapped as a whole. What they hold stays there when its pages are let go of.
 class ScratchFile {
@@ -162,7 +162,7 @@ class ScratchFile {
     // Let go of the file's pages where the process holds much, and enough of it is the file's.
     void let_go() {
         const Held held = held_now();
-        if (held.heap + held.of_files < limit_ / 10 * 8 || held.of_files < of_others_ + limit_ / 10) return;
+        if (held.heap + held.of_files < limit_ / 10 * 8 || held.of_files < of_others_ + limit_ / 20) return;
         madvise(base_, size_, MADV_DONTNEED);
         of_others_ = held_now().of_files;
     }
