@@ -25,9 +25,9 @@ import pandas as pd
 from scipy.ndimage import gaussian_filter1d, shift
 
 from trackfg.numerics.arrays import Array
-from trackfg.numerics.chi_square import widening_of_few
 from trackfg.recording.model import Recording
 from trackfg.sensors.averages import Motion, averaged, band_passed
+from trackfg.sensors.imu_filters.block_fit import FEWEST_BLOCKS, block_fit
 from trackfg.sensors.tach import with_sense
 
 STEP_S = 0.02
@@ -52,9 +52,6 @@ and T as factors, and the force."""
 
 ENOUGH_S = 600.0
 """So long a time suffices, s: filters do not change."""
-
-_FEWEST_BLOCKS = 10
-"""Fewer blocks do not show how T scatters beside three other unknowns."""
 
 _LEAST_EXPLAINED = 0.9
 """The share of the force's power that the equation explains at least. It is 0.98 and more of rigid vehicles faster than
@@ -106,7 +103,7 @@ def accelerometer_clock(recording: Recording) -> AccelerometerClock | None:
     if recording.tach is None or recording.tach.empty:
         return None
     motion = averaged(*_of_longest_way(recording.imu, with_sense(recording)), STEP_S)
-    if motion is None or motion.step_s > _SLOWEST * STEP_S or len(motion.t_s) * STEP_S < _FEWEST_BLOCKS * BLOCK_S:
+    if motion is None or motion.step_s > _SLOWEST * STEP_S or len(motion.t_s) * STEP_S < FEWEST_BLOCKS * BLOCK_S:
         return None
     forces = Forces.of(motion)
     fit = _fit(forces.products(0.0), 0.0)
@@ -202,17 +199,5 @@ def _fit(products: Array, moved_s: float) -> _Fit | None:
 
     It holds to first order in what is left of the offset.
     """
-    moving = products[products[:, 0, 0] > 0.0]
-    N, n = moving[:, :-1, :-1], moving[:, :-1, -1]
-    whole, scale = N.sum(axis=0), np.sqrt(np.diagonal(N.sum(axis=0)))
-    if len(moving) < _FEWEST_BLOCKS or not (scale > 0.0).all():
-        return None
-    if np.linalg.matrix_rank(whole / np.outer(scale, scale)) < len(scale):
-        return None
-    inverse = np.linalg.inv(whole)
-    unknown = inverse @ n.sum(axis=0)
-    of_time = (n - N @ unknown) @ inverse[-1]
-    gain, few = unknown[0], widening_of_few(len(moving) - len(unknown))
-    sd_s = few * float(np.sqrt(of_time @ of_time) / abs(gain))
-    explained = float(unknown @ n.sum(axis=0) / moving[:, -1, -1].sum())
-    return _Fit(AccelerometerClock(moved_s + float(unknown[-1] / gain), sd_s), explained)
+    fit = block_fit(products[products[:, 0, 0] > 0.0])
+    return None if fit is None else _Fit(AccelerometerClock(moved_s + fit.ratio, fit.sd), fit.explained)

@@ -25,8 +25,8 @@ import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
 from trackfg.numerics.arrays import Array
-from trackfg.numerics.chi_square import widening_of_few
 from trackfg.numerics.spans import true_runs
+from trackfg.sensors.imu_filters.block_fit import block_fit
 from trackfg.sensors.imu_intervals import Intervals, means_between
 
 STEP_S = 0.02
@@ -49,8 +49,7 @@ _SPEED_S = 0.5
 """Standard deviation of the speed's average, s: pulses are no motion."""
 
 _BLOCK_M = 100.0
-_FEWEST_BLOCKS = 10
-"""Blocks are far longer than what the band remembers, m; fewer do not show how b scatters beside five unknowns."""
+"""Blocks are far longer than what the band remembers, m."""
 
 _LEAST_EXPLAINED = 0.9
 """The share of the force's power that the equation explains at least: what is on springs has a motion of its own."""
@@ -116,20 +115,11 @@ def _of_stretch(x: Array, shown: Array) -> Array:
 
 def axles(products: Array) -> Axles | None:
     """Return how far apart axles are at least, of sums by block (b, 7, 7); None where nothing surely shows them."""
-    N, n, power = products[:, :-1, :-1], products[:, :-1, -1], float(products[:, -1, -1].sum())
-    whole = N.sum(axis=0)
-    scale = np.sqrt(np.diagonal(whole))
-    if len(products) < _FEWEST_BLOCKS or not (scale > 0.0).all():
+    fit = block_fit(products)
+    if fit is None:
         return None
-    if np.linalg.matrix_rank(whole / np.outer(scale, scale)) < len(scale):
-        return None
-    inverse = np.linalg.inv(whole)
-    unknown = inverse @ n.sum(axis=0)
-    of_bend = (n - N @ unknown) @ inverse[-1]
-    sd = widening_of_few(len(products) - len(unknown)) * float(np.sqrt(of_bend @ of_bend) / abs(unknown[0]))
-    explained = float(unknown @ n.sum(axis=0)) / power
-    noise = (1.0 - explained) * whole[0, 0] / whole[1, 1]
-    bend = float(unknown[-1] / unknown[0]) - noise
-    if explained < _LEAST_EXPLAINED or bend < _SURE_SIGMAS * sd:
+    noise = (1.0 - fit.explained) * fit.whole[0, 0] / fit.whole[1, 1]
+    bend = fit.ratio - noise
+    if fit.explained < _LEAST_EXPLAINED or bend < _SURE_SIGMAS * fit.sd:
         return None
     return Axles(math.sqrt(12.0 * bend))
