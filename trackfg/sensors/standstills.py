@@ -173,7 +173,10 @@ class _Samples:
             edges = np.concatenate([near[:1], 0.5 * (near[1:] + near[:-1]), near[-1:]])
             first = min(rows.start, 1)
             edges = edges[first : first + len(signals) + 1]
-            signals[:, 6] = np.diff(np.interp(edges, *self.wheel)) / np.diff(edges)
+            tach_t, distance = self.wheel
+            first_tach, last_tach = np.searchsorted(tach_t, edges[[0, -1]], side="right").tolist()
+            rows_near = slice(max(first_tach - 1, 0), last_tach + 1)  # interp copies a table's columns for every span
+            signals[:, 6] = np.diff(np.interp(edges, tach_t[rows_near], distance[rows_near])) / np.diff(edges)
         return signals
 
 
