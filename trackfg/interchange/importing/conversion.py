@@ -24,7 +24,12 @@ from trackfg.errors import BadInputError, did_you_mean
 from trackfg.files.atomic_folder import replaced_folder
 from trackfg.files.owned_folder import refuse_used
 from trackfg.interchange.importing.balise_places import COLUMNS, planned_places
-from trackfg.interchange.importing.columns.receiver_state import RANGE_SD_M, range_sd_m, without_position
+from trackfg.interchange.importing.columns.receiver_state import (
+    RANGE_SD_M,
+    UNKNOWN_HEIGHT_SD_M,
+    range_sd_m,
+    without_position,
+)
 from trackfg.interchange.importing.columns.time_columns import time_columns, time_unit
 from trackfg.interchange.importing.mapping import BALISES, MappedSensor, Mapping, fits
 from trackfg.interchange.importing.pulse_levels import first_missed
@@ -73,6 +78,8 @@ _PLACE = "chainage_m"
 """The column of places that the source has in two."""
 _MOST_NAMED = 5
 """Errors of a recording that are named."""
+_FAR_FROM_ZERO = 10.0
+"""Heights, as they are written, that are never below this are not near 0 for a while: a step is no way of a railway."""
 _CONSTANT = "constant_"
 """What the name of a column begins with that holds a number of the mapping in each row."""
 
@@ -230,6 +237,8 @@ def _part(sensor: MappedSensor, tables: Sequence[SourceTable], mapping: Mapping)
         plan = np.stack(measured[:2])
         keep &= np.isfinite(plan).all(axis=0) & (plan != 0.0).any(axis=0)  # what receivers write without a fix
         columns = _by_quality(sensor, table, columns, keys)
+        columns, keys, of_heights = _without_zero_heights(table, columns, keys)
+        notes += of_heights
     if sensor.kind == "gnss_speed":
         speed, *sd = measured
         # A phone writes a speed of -1 where it has none, and a sigma of 0 where it knows none.
@@ -320,6 +329,26 @@ def _by_quality(
         if sd.startswith(_CONSTANT) and not place.startswith(_CONSTANT)
     ]
     return {name: values * factor if name in scaled else values for name, values in columns.items()}
+
+
+def _without_zero_heights(
+    table: SourceTable, columns: dict[str, Array], keys: dict[str, Any]
+) -> tuple[dict[str, Array], dict[str, Any], tuple[str, ...]]:
+    """Return columns and keys of positions with a wide sigma where the height is exactly 0 beside others far from it.
+
+    Receivers write 0 for the height of a fix in two dimensions.
+    """
+    height, sd = keys["position"][2], keys["sd"][2]
+    values = columns[height]
+    zero = values == 0.0
+    others = np.abs(values[~zero & np.isfinite(values)])
+    if not zero.any() or not others.size or others.min() < _FAR_FROM_ZERO:
+        return columns, keys, ()
+    wide = f"{_CONSTANT}height_sd"
+    columns = {**columns, wide: np.where(zero, UNKNOWN_HEIGHT_SD_M, columns[sd])}
+    keys = {**keys, "sd": [*keys["sd"][:2], wide]}
+    note = f"{table.name}: {np.count_nonzero(zero)} heights of exactly 0 beside others of {others.min():g} and more"
+    return columns, keys, (f"{note} are taken for none: their sigma is {UNKNOWN_HEIGHT_SD_M:g} m",)
 
 
 def _says_something(

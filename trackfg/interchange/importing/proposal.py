@@ -26,6 +26,7 @@ from trackfg.interchange.importing.columns.plan_columns import (
 )
 from trackfg.interchange.importing.columns.receiver_state import (
     RANGE_SD_M,
+    UNKNOWN_HEIGHT_SD_M,
     dilution_column,
     quality_column,
     state_column,
@@ -37,9 +38,16 @@ from trackfg.interchange.importing.mapping import FORMAT
 from trackfg.interchange.importing.proposals.clock_start import propose_start
 from trackfg.interchange.importing.proposals.evident_by_force import settle_by_force
 from trackfg.interchange.importing.proposals.inertial_proposal import propose_imu
-from trackfg.interchange.importing.proposals.questions import Ask, Proposal, Question, asked, asked_number
+from trackfg.interchange.importing.proposals.questions import (
+    Ask,
+    Proposal,
+    Question,
+    asked,
+    asked_number,
+    sensors_in,
+)
 from trackfg.interchange.importing.proposals.receiver_speed_proposal import propose_receiver_speed
-from trackfg.interchange.importing.proposals.tach_proposal import propose_tach
+from trackfg.interchange.importing.proposals.tach_proposal import propose_speeds_over_ground, propose_tach
 from trackfg.interchange.importing.source_table import SourceTable
 from trackfg.interchange.importing.stations import bare_unit, place_columns
 from trackfg.interchange.importing.times import is_zone
@@ -51,9 +59,6 @@ FIX_SD_M = 1.0
 
 GNSS_SD_M = (RANGE_SD_M, RANGE_SD_M, 2.0 * RANGE_SD_M)
 """Proposed for positions without a sigma, east, north and up: that of a range horizontally, twice as much in height."""
-
-UNKNOWN_HEIGHT_SD_M = 1000.0
-"""Sigma of the height 0 where a source has none, m: no railway is as high as five of it."""
 
 RAW_DEGREES = "1e-7 deg"
 """Unit of coordinates in messages of u-blox and of MAVLink."""
@@ -86,6 +91,7 @@ def propose_columns(tables: Sequence[SourceTable], ask: Ask, given: dict[str, An
         propose_imu(proposal, tables, ask)
     if "tach" not in proposal.sections:
         propose_tach(proposal, tables, ask)
+        propose_speeds_over_ground(proposal, tables)
     if "gnss" not in proposal.sections:
         _gnss(proposal, tables, ask)
     if "gnss_speed" not in proposal.sections:
@@ -111,6 +117,8 @@ def _gnss(proposal: Proposal, tables: Sequence[SourceTable], ask: Ask) -> None:
         sd: list[Any] = [name or shared or assumed for name, shared, assumed in by_axis]
         if isinstance(sd[0], float) or isinstance(sd[1], float):
             proposal.reasons["gnss.sd"] = "m, east, north, up: assumed, since the source has none"
+        if height is None and (down := first_of(table, "down")) is not None:
+            height = down
         if height is None:
             proposal.reasons["gnss.position"] = "the source has no heights: 0, with a sigma of 1 km"
             sd[2] = UNKNOWN_HEIGHT_SD_M
@@ -130,6 +138,8 @@ def _gnss(proposal: Proposal, tables: Sequence[SourceTable], ask: Ask) -> None:
         stated_height = unit_in(table.units.get(height) or height, "length") if height is not None else None
         if stated_height is not None and factor_of(stated_height, "length") != 1.0:
             section["height_unit"] = stated_height
+        if height is not None and kind_in(table, height) == "down":
+            section["height_unit"] = f"-1 {stated_height or 'm'}"
         section |= _validity(proposal, table, plan[0])
         if "gnss.sd" in proposal.reasons:
             section |= _precision(proposal, table)
@@ -270,7 +280,7 @@ def _written_places(table: SourceTable, name: str) -> bool:
 def _time_zone(proposal: Proposal, tables: Sequence[SourceTable], ask: Ask) -> None:
     """Ask for the zone of dates that state none."""
     named = {table.name: table for table in tables}
-    sections = [part for key, part in proposal.sections.items() if isinstance(part, dict) and "time" in part]
+    sections = [part for part in proposal.sensors if "time" in part]
     without = []
     for part in sections:
         file = part["file"] if isinstance(part["file"], str) else part["file"][0]
@@ -325,12 +335,11 @@ def _start(proposal: Proposal, ask: Ask) -> None:
 def unused_columns(sections: dict[str, Any], tables: Sequence[SourceTable]) -> dict[str, list[str]]:
     """Return the columns with values that no section of a mapping uses, by the name of their table."""
     used: dict[str, set[str]] = {}
-    for section in sections.values():
-        if isinstance(section, dict) and "file" in section:
-            values = [part for value in section.values() for part in (value if isinstance(value, list) else [value])]
-            files = section["file"] if isinstance(section["file"], list) else [section["file"]]
-            for file in (*files, *([section["places"]] if "places" in section else [])):
-                used.setdefault(file, set()).update(str(value) for value in values)
+    for section in sensors_in(sections):
+        values = [part for value in section.values() for part in (value if isinstance(value, list) else [value])]
+        files = section["file"] if isinstance(section["file"], list) else [section["file"]]
+        for file in (*files, *([section["places"]] if "places" in section else [])):
+            used.setdefault(file, set()).update(str(value) for value in values)
     for table in tables:
         if COMPOSED in used.get(table.name, ()):
             used[table.name] |= parts_of_dates(table)

@@ -18,7 +18,7 @@ from pydantic import Field
 
 from trackfg.errors import BadInputError
 from trackfg.interchange.importing.columns.column_names import meaning
-from trackfg.interchange.importing.columns.written_units import QUANTITIES, factor_of, number_and_unit
+from trackfg.interchange.importing.columns.written_units import QUANTITIES, Quantity, factor_of, number_and_unit
 from trackfg.numerics.chainage.km_notation import metres_of
 from trackfg.recording.strict_model import Model
 
@@ -65,8 +65,37 @@ _MOST_SUMMARY_ROWS = 20
 _MARKS = "#%/!* "
 """What a line that is a remark to its reader begins with: the header is often one."""
 _REMARK = re.compile(r"#|%|//|!|\*\*")
+_AXES = ("x", "y", "z")
+_AFTER_COMMA = re.compile(r"^(.*\S),\s*(\S+)$")
+"""A name with its unit behind a comma, as after ISO 80000: ``Speed, km/h``."""
+_LIST_OF = re.compile(r"(columns?|fields?|format|header|units?|spalten|einheit(en)?)\s*[:=]", re.IGNORECASE)
+"""The cell before the names, or the units, of the columns in a remark: ``# Columns: time gyro_x``."""
+_UNIT_OF: dict[str, Quantity] = {
+    "gyro": "angular rate",
+    "accel": "acceleration",
+    "speed": "speed",
+    "latitude": "angle",
+    "longitude": "angle",
+    "height": "length",
+    "distance": "length",
+    "time": "time",
+}
+"""The quantity of the unit below a name, by what the name means."""
 EMPTY_CELLS = (
     *("", "-", "--", "---", "----", "*", "**", "***", "?", ".", "NaN", "nan", "NAN", "NA", "N/A", "n/a", "#N/A", "#NV"),
+    *(
+        "#DIV/0!",
+        "#VALUE!",
+        "#REF!",
+        "#NUM!",
+        "#NAME?",
+        "#NULL!",
+        "#WERT!",
+        "#BEZUG!",
+        "#ZAHL!",
+        "#VALEUR!",
+        "#NOMBRE!",
+    ),
     *("null", "NULL", "Null", "None", "none", "nil", "\\N", "missing", "inf", "-inf", "Inf", "-Inf", "INF", "-INF"),
     *(
         f"{sign}1.#{name}{zeros}"
@@ -75,7 +104,8 @@ EMPTY_CELLS = (
         for zeros in ("", "0", "00")
     ),
 )
-"""What a cell without a value holds, also as C libraries of Windows print it (``-1.#IND``)."""
+"""What a cell without a value holds, also as spreadsheets show a formula without one, and as C libraries of Windows
+print it (``-1.#IND``)."""
 _EMPTY = frozenset(cell.casefold() for cell in EMPTY_CELLS)
 
 
@@ -181,9 +211,16 @@ def cells(line: str, delimiter: str) -> list[str]:
 
 
 def in_brackets(name: str) -> tuple[str, str]:
-    """Return a name without the unit that it has in brackets at its end, and that unit; empty where it has none."""
+    """Return a name without the unit that it has in brackets or behind a comma at its end, and that unit; empty where
+    it has none. An axis in brackets is none: ``Accelerometer (z)``.
+    """
     match = _IN_BRACKETS.match(name)
-    return (match[1].strip(), match[2].strip()) if match and match[2].strip() else (name, "")
+    if match and match[2].strip() and match[2].casefold() not in _AXES:
+        return match[1].strip(), match[2].strip()
+    match = _AFTER_COMMA.match(name)
+    if match and any(factor_of(match[2], quantity) is not None for quantity in QUANTITIES):
+        return match[1], match[2]
+    return name, ""
 
 
 def is_remark(line: str, delimiter: str) -> bool:
@@ -347,16 +384,19 @@ def header_of(
         if len(candidates) > 1 and _repeat(names):
             names = _below(candidates[-2], names)
     names = [*names, *[""] * (width - len(names))][:width]
-    stated = {i: unit.strip("[]() ") for i, unit in enumerate(units_row or [""] * width) if unit}
+    units_row = _below_names(units_row or [""] * width, names)
+    stated = {i: unit.strip("[]() ") for i, unit in enumerate(units_row) if unit}
     for i in _merged(names):
-        names[i : i + 3] = [f"{names[i]} {axis}" for axis in "xyz"]
+        sensor, unit = in_brackets(names[i])
+        stated |= {i: unit} if unit and i not in stated else {}
+        names[i : i + 3] = [f"{sensor} {axis}" for axis in _AXES]
         stated |= {j: stated[i] for j in (i + 1, i + 2) if i in stated and j not in stated}
     named, taken = [], dict[str, int]()
     arrays = {name.removesuffix(_FIRST_OF_ARRAY) for name in names if name.endswith(_FIRST_OF_ARRAY)}
     for i, name in enumerate(names):
-        match = _IN_BRACKETS.match(name)
-        if match and i not in stated and not (match[1] in arrays and match[2].isdigit()):
-            name, stated[i] = match.groups()
+        plain, unit = in_brackets(name)
+        if unit and i not in stated and not (plain in arrays and unit.isdigit()):
+            name, stated[i] = plain, unit
         name = name.strip() or f"c{i + 1}"
         taken[name] = taken.get(name, 0) + 1
         named.append(name if taken[name] == 1 else f"{name}.{taken[name]}")
@@ -367,26 +407,44 @@ def _fitted(row: list[str], width: int, data: list[list[str]]) -> list[str]:
     """Return a row above the data with a cell for each column; empty where it is none of names."""
     if len(row) == width + 1 and (not row[-1] or _COMMENT.fullmatch(row[-1])):
         return row[:-1]
-    if len(row) == width - 1 and len(row) > 1 and data:
-        if not any(cells[-1] for cells in data):
-            return [*row, ""]
-        if all(cells[0].strip('"').isdigit() for cells in data):
-            return ["", *row]
+    if 1 < len(row) < width and data and not any(any(cells[len(row) :]) for cells in data):
+        return [*row, *[""] * (width - len(row))]
+    numbered = bool(data) and all(cells[0].strip('"').isdigit() for cells in data)
+    if 1 < len(row) == width - 1 and (numbered or _are_units(row)):
+        return ["", *row]
     return row if len(row) == width else []
 
 
 def _unmarked(row: list[str], width: int) -> list[str]:
     """Return a row above the data without the mark of a remark, which may be a cell of its own before the others."""
     first = row[0].lstrip(_MARKS) if row else ""
+    listed = row[1:] if row and not first else [first, *row[1:]]
+    if len(listed) == width + 1 and _LIST_OF.fullmatch(listed[0]):
+        return listed[1:]
     return [first, *row[1:]] if first else row[1:] if len(row) == width + 1 and row[0] else row
 
 
 def _merged(names: list[str]) -> list[int]:
     """Return the first places of names that stand for the three axes of a sensor, as merged cells do: two more are
-    empty.
+    empty, or ``1`` and ``2``, as of a GoPro.
     """
     places = range(len(names) - 2)
-    return [i for i in places if not any(names[i + 1 : i + 3]) and meaning(f"{names[i]} x") in _SENSORS]
+    unnamed = [i for i in places if names[i + 1 : i + 3] in (["", ""], ["1", "2"])]
+    return [i for i in unnamed if meaning(f"{in_brackets(names[i])[0]} x") in _SENSORS]
+
+
+def _below_names(units: list[str], names: list[str]) -> list[str]:
+    """Return a row of units with each below its name: one that lacks a cell may lack the first or the last one."""
+    if units[0] or not any(units):
+        return units
+
+    def fitting(row: list[str]) -> int:
+        pairs = (
+            (unit.strip("[]() "), _UNIT_OF.get(meaning(name) or "")) for unit, name in zip(row, names, strict=True)
+        )
+        return sum(quantity is not None and factor_of(unit, quantity) is not None for unit, quantity in pairs)
+
+    return max((units, [*units[1:], ""]), key=fitting)
 
 
 def _quantities(names: list[str]) -> int:

@@ -74,13 +74,28 @@ _DATE_FORMATS = (
     "%d-%m-%Y %H:%M:%S",
     "%m-%d-%Y %H:%M:%S.%f",
     "%m-%d-%Y %H:%M:%S",
+    "%Y-%m-%d_%H-%M-%S.%f",
+    "%d %b %Y %H:%M:%S.%f",
+    "%d %B %Y %H:%M:%S.%f",
+    "%b %d. %Y %I:%M:%S.%f %p",
+    "%b %d. %Y %H:%M:%S.%f",
+    "%a %b %d %H:%M:%S.%f %Y",
+    "%d/%m/%y %H:%M:%S.%f",
+    "%d/%m/%y %H:%M:%S",
+    "%m/%d/%y %H:%M:%S.%f",
+    "%m/%d/%y %H:%M:%S",
     "%d.%m.%y %H:%M:%S.%f",
     "%d.%m.%y %H:%M:%S",
     "%y.%m.%d %H:%M:%S.%f",
     "%y.%m.%d %H:%M:%S",
 )
-"""Tried in this order. With AM or PM a date is month first."""
-_OTHER_ORDER = {"%d/%m/%Y": "%m/%d/%Y", "%d-%m-%Y": "%m-%d-%Y", "%d.%m.%y": "%y.%m.%d"}
+"""Tried in this order. With AM or PM a date is month first. Commas are points when they are tried."""
+_OTHER_ORDER = {
+    "%d/%m/%Y": "%m/%d/%Y",
+    "%d-%m-%Y": "%m-%d-%Y",
+    "%d/%m/%y": "%m/%d/%y",
+    "%d.%m.%y": "%y.%m.%d",
+}
 """Beginnings of formats whose dates may be meant in another order: that is taken where only so no day is left out."""
 
 _ZONE_HOURS = {"utc": 0, "gmt": 0, "z": 0, "cet": 1, "mez": 1, "cest": 2, "mesz": 2, "eet": 2, "eest": 3, "jst": 9}
@@ -596,7 +611,7 @@ def _parsed(text: pd.Series, form: str) -> pd.Series | None:
 
 def are_dates(column: pd.Series) -> bool:
     """Return whether the first cells of a text column are dates with a time of day, in their sequence, or durations."""
-    text = column.dropna().iloc[:_FIRST_CELLS].astype("string").str.strip()
+    text = column.dropna().iloc[:_FIRST_CELLS].astype("string").str.strip().str.replace(",", ".", regex=False)
     if not len(text) or not text.str.contains(":", regex=False).all():
         return False
     if are_durations(text):

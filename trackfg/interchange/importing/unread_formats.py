@@ -17,9 +17,10 @@ _BY_CONTENT: tuple[tuple[re.Pattern[bytes], str, str], ...] = (
         "mavlogdump.py --format csv --types IMU (pymavlink) writes CSV",
     ),
     (
-        re.compile(rb"\s*[%#](RAWIMU\w*A|IMURATE\w*A|CORRIMU\w*A|INSPVA\w*A|MARK\w+A),"),
+        re.compile(rb"\s*(?:\[COM\d\]\s*)?(?:#[A-Z0-9]+A,[A-Z]+\d?\w*,\d+,[\d.]+,|%[A-Z0-9]+A,\d+,[\d.]+;)"),
         "a log of NovAtel in ASCII",
-        "its samples are counts, whose scales the manual has for each IMU: NovAtel Convert or novatel-edie write CSV; "
+        "its samples are counts, whose scales the manual has for each IMU: NovAtel Convert or novatel-edie write CSV "
+        "of each message, such as RAWIMUS and BESTPOS; "
         'with the scales as gyro_unit and accel_unit (such as "0.1 mdeg") in a mapping that imports',
     ),
     (re.compile(rb"\xaa\x44[\x12\x13\xb5]"), "a binary log of NovAtel", "novatel-edie or NovAtel Convert write CSV"),
@@ -47,6 +48,11 @@ _BY_CONTENT: tuple[tuple[re.Pattern[bytes], str, str], ...] = (
         re.compile(rb"date [^\n]*\r?\n\s*base (hex|dec)"),
         "a log of raw CAN frames, of Vector (.asc)",
         "python-can and cantools decode it to CSV, or asammdf to MDF",
+    ),
+    (
+        re.compile(rb"(?=[^\n]*\bID\b)(?=[^\n]*\b(?:LEN|DLC)\b)[^\n]*\b(?:D1|Data|Data0|Byte0)\b", re.IGNORECASE),
+        "a table of raw CAN frames",
+        "cantools or SavvyCAN decode it by its DBC, to a CSV with a column for each signal",
     ),
     (
         re.compile(rb";\$FILEVERSION="),

@@ -14,7 +14,7 @@ from trackfg.interchange.importing.columns.column_names import axis_and_rest, is
 from trackfg.interchange.importing.columns.written_units import Quantity, factor_of, usual_name
 from trackfg.interchange.importing.source_table import SourceTable
 from trackfg.numerics.chainage.km_notation import is_metres, metres_of
-from trackfg.numerics.units import STANDARD_GRAVITY
+from trackfg.numerics.units import KMH, MPH, STANDARD_GRAVITY
 
 InertialKind = Literal["gyro", "accel", "free_accel"]
 
@@ -26,9 +26,15 @@ _INCREMENT = re.compile(r"^d_?(theta|vel|v(?![a-z]))|delta|incr", re.IGNORECASE)
 """What the name of an increment per sample begins with or contains."""
 _BARE = re.compile(r"(axis|achse)?[\s_]*[xyz][\s_]*(axis|achse|value|wert)?", re.IGNORECASE)
 """Names of columns that say their axis alone."""
-_WHEEL = re.compile(r"wheel|axle|\brad(drehzahl|geschw\w*)?\b|achs")
+_NUMBERED = re.compile(r"(?P<stem>.*?)[\s_]?[\[(]?(?P<number>\d)[\])]?")
+_VALUES = re.compile(r"v|val|values?|data|", re.IGNORECASE)
+_NUMBERS = ({1, 2, 3}, {0, 1, 2})
+"""Names of the parts of a vector: a number behind the name of the sensor, or behind one that says nothing."""
+_WHEEL = re.compile(r"wheel|whl|axle|\brad(drehzahl|geschw\w*)?\b|achs|колес")
 """What stands beside the unit of a speed, or of turns, in the name of a wheel's."""
 _OF_A_WHEEL: tuple[Quantity, ...] = ("speed", "angular rate")
+_SPEEDS_OF_VEHICLES = (KMH, MPH)
+"""Units, in m/s, that only the speed of a vehicle is given in, whatever its name; components and sigmas are in m/s."""
 _BY_UNIT: tuple[tuple[Quantity, str], ...] = (
     *((quantity, "speed") for quantity in _OF_A_WHEEL),
     ("length", "distance"),
@@ -97,6 +103,8 @@ def kind_in(table: SourceTable, name: str) -> str | None:
     turns_or_rolls = any(unit and factor_of(unit, quantity) is not None for quantity in _OF_A_WHEEL)
     if kind is None and turns_or_rolls and _WHEEL.search(name.casefold()):
         return "speed"
+    if kind is None and axis is None and unit and factor_of(unit, "speed") in _SPEEDS_OF_VEHICLES:
+        return "speed"
     if kind == "count":
         by_unit = next((of for quantity, of in _BY_UNIT if factor_of(unit, quantity) is not None), None)
         return by_unit or (kind if _COUNTS.fullmatch(unit.strip("[]() ")) else None)
@@ -126,12 +134,24 @@ def triples(table: SourceTable, kind: InertialKind) -> list[Triple]:
         axis, rest = axis_and_rest(full_name(table, name), _stated_unit(table, name))
         if axis and kind == kind_in(table, name) and pd.api.types.is_numeric_dtype(table.frame[name]):
             groups.setdefault(rest, {})[axis] = name
-    out = []
-    for axes in groups.values():
-        if len(axes) == 3:
-            columns = (axes["x"], axes["y"], axes["z"])
-            out.append(triple_of(table, columns, kind))
-    return out
+    found = [(axes["x"], axes["y"], axes["z"]) for axes in groups.values() if len(axes) == len("xyz")]
+    return [triple_of(table, columns, kind) for columns in (found or _numbered(table, kind))]
+
+
+def _numbered(table: SourceTable, kind: InertialKind) -> list[tuple[str, str, str]]:
+    """Return the columns of vectors whose parts are numbered, from 1 or from 0: ``Acceleration_1`` to ``_3``.
+
+    The name before the number, or the table's where it says nothing, is that of a sensor of this ``kind``.
+    """
+    groups: dict[str, dict[int, str]] = {}
+    for name in table.columns:
+        match = _NUMBERED.fullmatch(name.strip())
+        if match and pd.api.types.is_numeric_dtype(table.frame[name]):
+            sensor = stem_of(table.name) if _VALUES.fullmatch(match["stem"]) else match["stem"]
+            if meaning(f"{sensor} x") == kind:
+                groups.setdefault(match["stem"], {})[int(match["number"])] = name
+    vectors = [[parts[i] for i in sorted(parts)] for parts in groups.values() if set(parts) in _NUMBERS]
+    return [(x, y, z) for x, y, z in vectors]
 
 
 def nameless_triples(table: SourceTable) -> list[tuple[str, str, str]]:

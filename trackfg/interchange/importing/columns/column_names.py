@@ -9,20 +9,22 @@ from typing import NamedTuple
 from trackfg.interchange.importing.columns.written_units import QUANTITIES, factor_of
 
 _AXIS = re.compile(
-    r"(?:^|[\s_.\-/])([xyzXYZ])(?:$|[\s_.\-/\[(])|([xz]|(?<!it)y)(?=$|_|\d|\s)|(?<=[a-z])([XYZ])(?![a-z])|"
-    r"(?<=^[AGWF])([XYZ])$|^([XYZ])(?=[A-Z][a-z]|\d$)|(?<=[\u3040-\u9fff])([XYZ])$"
+    r"(?:^|[\s_.\-/(:])([xyzXYZ])(?:$|[\s_.\-/\[():])|([xz]|(?<!it)y)(?=$|_|\d|\s)|(?<=[a-z])([XYZ])(?![a-z])|"
+    r"(?<=^[AGWF])([XYZ])$|^([XYZ])(?=[A-Z][a-z]|\d$)|^([xyzXYZ])(?=_?(?i:gyro|acc|rate|ang))|"
+    r"(?<=[\u3040-\u9fff])([XYZ])$"
 )
 _NAMED_AXIS = {
-    "x": re.compile(r"roll|wank|longitudinal|\blong?(?=acc)|\blong\b|l(ä|ae)ngs|in.?line"),
-    "y": re.compile(r"pitch|nick|lateral|\blat(?=acc)|\blat\b|quer"),
-    "z": re.compile(r"yaw|gier|vertical|vertikal|\bvert(?=acc)|\bvert\b|hoch"),
+    "x": re.compile(r"roll|wank|longitudinal|\blong?(?=acc)|\blong\b|l(ä|ae)ngs|in.?line|right/left"),
+    "y": re.compile(r"pitch|nick|lateral|\blat(?=acc)|\blat\b|quer|forward/back"),
+    "z": re.compile(r"yaw|gier|vertical|vertikal|\bvert(?=acc)|\bvert\b|hoch|up/down"),
 }
-"""Axes of a vehicle in words, English and German: of rotation rates, and of forces along the same axes."""
+"""Axes of a vehicle in words, English and German: of rotation rates, and of forces along the same axes. A GoPro calls
+the axes x, y and z of its gyro so for its accelerometer: ``right/left``, ``forward/back``, ``up/down``."""
 _BODY_RATES = {"p": "x", "q": "y", "r": "z"}
 """Letters of aircraft for the rates about x, y, z; without the unit of a rate they are no rates."""
 
 _OTHER = re.compile(
-    r"\bmag|magn(?!itude)|\bmx\b|temp(?!o|s\b)|press|baro|quat|euler|humid|volt|batt|\bbias|\bstd\b|\bvar\b|\brms\b|cov|"
+    r"\bmag|magn(?!itude)|\bhoriz(?=.?acc)|\bmx\b|temp(?!o|s\b)|press|baro|quat|euler|humid|volt|batt|\bbias|\bstd\b|\bvar\b|\brms\b|cov|"
     r"\b(min|max|mean|avg)\b|^(motion )?(gravity|schwerkraft)\b(?! ?free)|^motiongravity"
 )
 """Quantities beside a gyro and an accelerometer that have axes too, and statistics of theirs."""
@@ -34,35 +36,39 @@ _GRID = "(utm|etrs|epsg|lv)"
 _PATTERNS = {
     "free_accel": r"linear.?acc|user.?acc|without.?g|ohne.?g|free.?acc|(?<!in)lin.?acc|gravity.?free|线性加速度",
     "gyro": (
-        r"gyr|\bgiro|omega|ang(ular)?[\s_]*(vel|rate|speed)|vitesse.(ang|de.rot)|veloc\w*.ang|drehrate|rot(ation)?.?rate|"
+        r"gyr|\bgiro|omega|ang(ular)?[\s_]*(vel|rate|speed)|vitesse.(ang|de.rot)|veloc\w*.ang|углов\w* скорост|"
+        r"drehrate|rot(ation)?.?rate|"
         r"turn.?rate|^rate\b|\brates?$|(roll|pitch|yaw).?(rate|vel)|(wank|nick|gier).?(rate|geschw)|dtheta|"
         r"delta.?(theta|ang)|角速度|陀螺"
     ),
-    "accel": r"acc(?!ur)|g.?force|beschl|acel|specific.?force|dvel|delta.?v|加速度|^load.?factor",
+    "accel": r"acc(?!ur)|g.?force|beschl|acel|specific.?force|dvel|delta.?v|加速度|ускорен|^load.?factor",
     "speed": (
-        r"speed|\bspd\b|geschw|veloc|vitesse|twist.*linear\.x|^v$|^v[\s_\[(]|kmh|km/h|nopeus|速度|车速|^vel$|"
+        r"speed|\bspd\b|geschw|veloc|vitesse|twist.*linear\.x|^v$|^v[\s_\[(]|kmh|km/h|nopeus|скорост|速度|车速|^vel$|"
         r"hastighe[td]|snelheid|rychlost|pr[eę]dko[sś][cć]"
     ),
     "count": (
         r"pulse|impuls|^(?!.*(packet|sample|frame|sat|error|message|msg|seq)).*count|"
         r"ticks|in[ck]rement|\benc(oder)?\b|encoder|drehgeber|tacho|zähl"
     ),
-    "distance": r"odo|dist|^weg|wegstrecke|mileage|走行距離",
+    "distance": r"odo|dist|^weg|wegstrecke|mileage|走行距離|пробег",
     "balise": r"(balisen?|rfid|transponder|beacon|tag|epc)[\s_.-]?(id|nr|no|number|nummer|code)?\.?$",
     "station": (
         r"chain|kilom|station(?!ary|.?(id|name|code|no|nr))|^km\b|^[pm][kp]$|^kp$|^miles?$|post|position_km|里程"
     ),
-    "latitude": r"^lat|latitude|breite|緯度|纬度|(?<=gps )lat(?!.?acc)|(?<=gnss )lat(?!.?acc)",
+    "latitude": r"^lat|latitude|breite|緯度|纬度|широт|(?<=gps )lat(?!.?acc)|(?<=gnss )lat(?!.?acc)",
     "longitude": (
-        r"^lon(?!g.?acc)|^lng|longitude|länge|laenge|経度|经度|(?<=gps )lon(?!g?.?acc)|(?<=gnss )lon(?!g?.?acc)"
+        r"^lon(?!g.?acc)|^lng|longitude|länge|laenge|経度|经度|долгот|(?<=gps )lon(?!g?.?acc)|(?<=gnss )lon(?!g?.?acc)"
     ),
     "easting": rf"{_NO_RATE}.*(\beast(ing)?\b|rechtswert|ostwert)|^e$|^[ex]\W*{_GRID}|{_GRID}[\w ]* ?[ex]$",
     "northing": rf"{_NO_RATE}.*(\bnorth(ing)?\b|hochwert|nordwert)|^n$|^[ny]\W*{_GRID}|{_GRID}[\w ]* ?[ny]$",
-    "height": r"^alt|^elev|^up$|altitude|height|höhe|hoehe|^h$|ellh|(?<=gps )alt|(?<=gnss )alt",
+    "height": (
+        r"^alt|^elev|^up$|altitude|height|höhe|hoehe|высот|^h$|ellh|\bh(gt|t)\b|^h ell|(?<=gps )alt|(?<=gnss )alt"
+    ),
+    "down": r"^(pos(ition)? )?down$",
     "sd_horizontal": r"h(or\w*)?[ _]?acc|horizontal.?accuracy|^((gps|gnss|location)[ _])?accuracy|sd[ _]?[neh]\b",
     "sd_vertical": r"v(er\w*)?[ _]?acc\b|vertical.?accuracy|altitude.?accuracy|sd[ _]?[uv]\b",
     "time": (
-        r"^t$|time|zeit|uhr|datum|(?<!up)date|utc|stamp|elapsed|epoch|heure|seconds?$|^ts$|^gpst$|\btow\b|\bso[wd]$|"
+        r"^t$|time|zeit|uhr|datum|(?<!up)date|horodat|врем|utc|stamp|elapsed|epoch|heure|seconds?$|^ts$|^gpst$|\btow\b|\bso[wd]$|"
         r"seconds? of (the )?(day|week)$|"
         r"時刻|時間|时间|tiempo|^temps|hora|^aika|^tid$|^tijd|^czas|^clock$|^millis|^micros"
     ),
@@ -98,7 +104,7 @@ def parts_of(name: str) -> ColumnName:
     """
     axis, _ = axis_and_rest(name)
     rest, unit = _without_unit(_INDEX.sub("", name.strip()))
-    return ColumnName(re.sub(r"[\s_.\-/]+", " ", rest.casefold()).strip(), axis, unit)
+    return ColumnName(re.sub(r"[\s_.\-/()]+", " ", rest.casefold()).strip(), axis, unit)
 
 
 @lru_cache(maxsize=4096)

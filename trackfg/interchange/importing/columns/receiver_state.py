@@ -15,7 +15,8 @@ import pandas as pd
 from trackfg.interchange.importing.source_table import SourceTable
 
 _STATE = re.compile(
-    r"(^|\.)((fix|gps|gnss|gga|pos(ition)?)[\s_-]?(quality|qual|type|mode|status|valid|ok)|(quality|fix|valid|gnssfixok|status\.status)$)",
+    r"(^|\.)((fix|gps|gnss|gga|pos(ition)?)[\s_-]?(quality|qual|type|mode|status|valid|ok)|(gps|gnss)[\s_(]*fix\)?$|"
+    r"(quality|fix|valid|gnssfixok|status\.status)$)",
     re.I,
 )
 """Names of what a receiver says of a position, also at the end of a path in a message."""
@@ -28,6 +29,8 @@ _ESTIMATED, _HIGHEST_QUALITY = 6.0, 9.0
 RANGE_SD_M = 3.0
 """Error of one range, m: with the dilution of precision it gives a sigma where the receiver states none (GPS SPS
 Performance Standard 2020, single frequency)."""
+UNKNOWN_HEIGHT_SD_M = 1000.0
+"""Sigma of the height 0 where a source has none, m: no railway is as high as five of it."""
 RANGE_SD_BY_QUALITY_M = {2: 1.0, 4: 0.05, 5: 0.5}
 """The same by quality: with corrections of code (2), carrier phase with its ambiguities fixed (4) or not (5). A ZED-F9P
 has 1.0 m of 2 and 0.01 m of 4 by its data sheet, under an open sky. That of other positions is :data:`RANGE_SD_M`."""

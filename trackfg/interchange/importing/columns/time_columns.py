@@ -25,8 +25,8 @@ from trackfg.interchange.importing.times import (
 )
 
 _TIME_UNITS = {1.0: "s", 1e-3: "ms", 1e-6: "us", 1e-9: "ns"}
-_COUNTER = re.compile(r"^(sample|packet|frame|msg|message|seq(uence)?|row|index|idx|nr|no|n|#|record|line|counter|cnt)"
-                      r"[\s_]*(no|nr|num(ber)?|index|idx|id|count(er)?|#)?\.?$", re.IGNORECASE)  # fmt: skip
+_COUNTER = re.compile(r"^(sample|packet|frame|msg|message|seq(uence)?|row|index|idx|nr|no|n|#|record|line|count(er)?|"
+                      r"cnt)[\s_]*(no|nr|num(ber)?|index|idx|id|count(er)?|#)?\.?$", re.IGNORECASE)  # fmt: skip
 """Names of columns that count samples."""
 _TICKS_S = {"sampletimefine": (1e-4, 1e-6)}
 """Counters whose tick is known, s: Xsens counts 100 us (MT Low-Level Communication Protocol, XDI_SampleTimeFine), or
@@ -39,6 +39,12 @@ _RATE = re.compile(
     re.IGNORECASE,
 )
 """The sampling rate in the remarks above a table."""
+_INTERVAL = re.compile(
+    r"(?:delta_x|(?:sampl\w*|abtast)[\s_-]*(?:interval\w*|period|zeit|time))"
+    r"[^\d\n]{0,12}?(\d+(?:[.,]\d*)?(?:e[+-]?\d+)?)[\t ]*(ms|us|µs|s|$)?(?![\w/])",
+    re.IGNORECASE | re.MULTILINE,
+)
+"""The interval of samples in these remarks, in s unless stated; LabVIEW calls it Delta_X."""
 
 
 _DISPLACED = 0.05
@@ -80,10 +86,15 @@ def time_columns(table: SourceTable) -> tuple[str, ...] | None:
         return (text[0],)
     return next(
         ((name,) for name in table.columns if pd.api.types.is_numeric_dtype(table.frame[name])
-         and not _COUNTER.match(name) and len(table.frame) > 2
+         and not _COUNTER.match(name) and len(table.frame) > 2 and not _counts_rows(table.frame[name])
          and _grows(table.numbers(name)) and _steady(table.numbers(name))),
         None,
     )  # fmt: skip
+
+
+def _counts_rows(column: pd.Series) -> bool:
+    """Return whether whole numbers rise by one from row to row: where no name says a time, they are those of rows."""
+    return pd.api.types.is_integer_dtype(column) and _counts(column.to_numpy(dtype=np.float64))
 
 
 def _holds_dates(column: pd.Series) -> bool:
@@ -126,8 +137,13 @@ def refuse_displaced_times(table: SourceTable) -> None:
 
 
 def stated_rate_hz(table: SourceTable) -> float | None:
-    """Return the sampling rate that the remarks above a table state, Hz; None where they state none, or several."""
+    """Return the sampling rate that the remarks above a table state, Hz, as such or by the interval of samples; None
+    where they state none, or several.
+    """
     rates = {float(m[1].replace(",", ".")) * (1e3 if m[2] else 1.0) for m in _RATE.finditer(table.remarks)} - {0.0}
+    if not rates:
+        stated = ((float(m[1].replace(",", ".")), m[2] or "s") for m in _INTERVAL.finditer(table.remarks))
+        rates = {1.0 / (interval * (factor_of(unit, "time") or 1.0)) for interval, unit in stated if interval}
     return rates.pop() if len(rates) == 1 else None
 
 

@@ -124,7 +124,11 @@ def factor_of(text: str, quantity: Quantity) -> float | None:
     return _plain_factor(unit, quantity)
 
 
-_PLAIN = str.maketrans({"µ": "u", "μ": "u", "°": "deg", "º": "deg", "²": "2", "⁻": "-", "¹": "1", "′": "'"})
+_PLAIN = str.maketrans(
+    {"µ": "u", "μ": "u", "°": "deg", "º": "deg", "²": "2", "⁻": "-", "¹": "1", "′": "'"}
+    | dict(zip("адгкмрсч", "adgkmrsh", strict=True))
+)
+"""Signs, and the Cyrillic letters of units: ``м/с²``, ``км/ч``, ``рад/с``, ``град/с``."""
 
 
 def _folded(text: str) -> str:

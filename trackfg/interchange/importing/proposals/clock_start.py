@@ -46,9 +46,7 @@ def propose_start(proposal: Proposal, tables: Sequence[SourceTable], ask: Ask) -
 def _clocks(proposal: Proposal, tables: Sequence[SourceTable]) -> Iterator[tuple[dict[str, Any], SourceTable, Times]]:
     """Yield each section, its table, the gyro's of two, and its first times as far as these can be read."""
     named = {table.name: table for table in tables}
-    for section in proposal.sections.values():
-        if not isinstance(section, dict) or not {"file", "time"} <= section.keys():
-            continue
+    for section in (part for part in proposal.sensors if "time" in part):
         table = named.get(section["file"] if isinstance(section["file"], str) else section["file"][0])
         if table is None:
             continue

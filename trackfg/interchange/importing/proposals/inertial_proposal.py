@@ -21,14 +21,27 @@ from trackfg.interchange.importing.columns.column_meaning import (
     triple_of,
     triples,
 )
+from trackfg.interchange.importing.columns.column_names import meaning
 from trackfg.interchange.importing.columns.plan_columns import plan_columns
 from trackfg.interchange.importing.proposals.questions import Ask, Proposal, Question, asked, asked_unit
 from trackfg.interchange.importing.source_table import SourceTable
 
+_WITHOUT_GRAVITY = (
+    "the acceleration is without gravity, which roll and pitch need; expected the specific force (total acceleration). "
+    "Hint: switch on the accelerometer itself, not the linear, free or user acceleration"
+)
+_UNNAMED = re.compile(r"c\d+")
+"""Names that columns get which have none."""
 _SLOW_COPY = 0.5
 """Columns with fewer rows than that share of the most are slow copies of a sensor."""
 _CORE_MOTION = re.compile(r"accelerometerAcceleration|motionUserAcceleration")
 """Names of SensorLog, which logs what iOS measures: the force of gravity, -1 g upwards at rest."""
+_SECOND_CHOICE = re.compile(
+    r"filt|smooth|low.?pass|average|high.?(g|range)(?![a-z])|(^|[\s_])hg(?![a-z])", re.IGNORECASE
+)
+"""Names of columns that another sensor, or the same one, has better: filtered ones, which lack the short waves of the
+track, and those of a range for shocks, which are noisy.
+"""
 _NAMED_TABLES = 8
 """Tables that a message names."""
 
@@ -45,10 +58,7 @@ def propose_imu(proposal: Proposal, tables: Sequence[SourceTable], ask: Ask) -> 
         and (accel := _chosen(tables, "free_accel", ask, beside=gyro)) is not None
         and not has_gravity(accel)
     ):
-        raise BadInputError(
-            "the acceleration is without gravity, which roll and pitch need; expected the specific force "
-            "(total acceleration). Hint: switch on the accelerometer itself, not the linear or user acceleration"
-        )
+        raise BadInputError(_WITHOUT_GRAVITY)
     if gyro is None and accel is None:
         gyro, accel = _of_nameless(proposal, tables, ask)
     if gyro is None or accel is None:
@@ -77,6 +87,16 @@ def _not_found(lacking: Sequence[str], tables: Sequence[SourceTable]) -> str:
             "inertial sensor, without which nothing is estimated. Hint: give the folder in which they lie beside the "
             "positions, or name their columns in a mapping (docs/importing.md)"
         )
+    if all(_UNNAMED.fullmatch(name) for table in tables for name in table.columns):
+        return (
+            f"{tables[0].name}: no row of names of columns found: {names}{more}; expected one above the data. Hint: "
+            "write one, such as time_s,gyro_x,gyro_y,gyro_z, with units in brackets; or name c1, c2, ... in a mapping "
+            "(docs/importing.md)"
+        )
+    if lacking[0] == "accelerometer" and any(
+        meaning(f"{name} x") == "free_accel" for table in tables for name in table.columns
+    ):
+        return _WITHOUT_GRAVITY
     empty = [name for table in tables for name in table.columns if table.frame[name].isna().all()]
     more += f" (no value in any row of {', '.join(empty[:20])})" if empty else ""
     return (
@@ -97,6 +117,7 @@ def _chosen(tables: Sequence[SourceTable], kind: InertialKind, ask: Ask, beside:
         candidates = [triple for triple, value in zip(candidates, alike, strict=True) if value == max(alike)]
     if len(candidates) < 2:
         return next(iter(candidates), None)
+    candidates.sort(key=lambda triple: _SECOND_CHOICE.search(triple.columns[0]) is not None)
     names = _x_axes([(triple.table, triple.columns) for triple in candidates])
     sensor = "gyro" if kind == "gyro" else "accelerometer"
     question = Question(f"imu.{kind}", f"Which {sensor} is to be used (its x axis)?", names[0], tuple(names))

@@ -75,6 +75,12 @@ def asked_unit(ask: Ask, key: str, text: str, default: str, quantity: Quantity) 
     )
 
 
+def sensors_in(sections: dict[str, Any]) -> list[dict[str, Any]]:
+    """Return the sections of a mapping that are sensors, those in lists too: they have a ``file``."""
+    parts = [part for value in sections.values() for part in (value if isinstance(value, list) else [value])]
+    return [part for part in parts if isinstance(part, dict) and "file" in part]
+
+
 @dataclass
 class Proposal:
     """A proposed mapping: its ``sections``, and for keys (``"imu.axes"``) why they are what they are.
@@ -98,6 +104,11 @@ class Proposal:
         if table.name not in self._times:
             self._times[table.name] = self._new_times(table, ask, beside)
         return dict(self._times[table.name])
+
+    @property
+    def sensors(self) -> list[dict[str, Any]]:
+        """The sections of sensors, those in lists too."""
+        return sensors_in(self.sections)
 
     def clock_of_imu(self, tables: Sequence[SourceTable]) -> tuple[SourceTable, str] | None:
         """Return the table of the inertial sensor, the gyro's of two, and its column of times if it is one."""

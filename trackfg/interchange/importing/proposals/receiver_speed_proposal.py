@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from trackfg.interchange.importing.columns.column_meaning import has_axes_beside, kind_in
+from trackfg.interchange.importing.columns.column_meaning import has_axes_beside, kind_in, stem_of
 from trackfg.interchange.importing.columns.written_units import unit_in
 from trackfg.interchange.importing.proposals.questions import Proposal
 from trackfg.interchange.importing.source_table import SourceTable
@@ -22,11 +22,11 @@ _ACCURACY = re.compile(
 _OF_A_RECEIVER = re.compile(r"gps|gnss|ground|sog|gspeed|location")
 """Names that only a receiver's speed has."""
 NAMED_AFTER_RECEIVERS = re.compile(r"gps|gnss")
-"""Names of speeds and distances that no wheel gives."""
-_OTHER = re.compile(
-    r"wheel|rad(?!ar|ius)|axle|achse|tach|odo|obd|ecu|\bcan\b|vert|climb|wind|limit|max|avg|mean|target|engine|rpm"
-)
-"""Names of speeds that no receiver measures, of statistics and of limits."""
+"""Names of speeds and distances, or of their tables, that no wheel gives."""
+NOT_MEASURED = re.compile(r"vert|climb|wind|limit|soll|(^|[\s_])set|target|permit|max|avg|mean|engine")
+"""Names of speeds that are none of the vehicle's at the time: of limits, set values and statistics."""
+_OTHER = re.compile(r"wheel|whl|rad(?!ar|ius)|axle|achse|tach|odo|obd|ecu|\bcan\b|radar|doppler|rpm")
+"""Names of speeds that no receiver measures."""
 _KNOWN = 0.5
 """Share of the rows with a speed that have an accuracy above 0, from which on it is one: phones write 0 or -1."""
 
@@ -47,7 +47,8 @@ def _add_speed(proposal: Proposal, table: SourceTable, gnss: dict[str, Any]) -> 
     numbers = [name for name in table.columns if name != used and pd.api.types.is_numeric_dtype(table.frame[name])]
     accuracies = [name for name in numbers if _ACCURACY.search(name.casefold())]
     names = [name for name in numbers if name not in accuracies and _is_speed(table, name)]
-    names = names if gnss else [name for name in names if NAMED_AFTER_RECEIVERS.search(name.casefold())]
+    if not gnss:
+        names = [name for name in names if NAMED_AFTER_RECEIVERS.search(f"{stem_of(table.name)} {name}".casefold())]
     name = next((one for one in names if _OF_A_RECEIVER.search(one.casefold())), next(iter(names), None))
     if name is None or not (table.numbers(name) > 0.0).any():  # a phone writes -1 where it knows none
         return False
@@ -73,7 +74,7 @@ def _is_speed(table: SourceTable, name: str) -> bool:
         _OF_A_RECEIVER.search(text) is not None and unit_in(table.units.get(name) or name, "speed") is not None
     )
     means = kind_in(table, name) == "speed" or of_receiver
-    return means and not _OTHER.search(text) and not has_axes_beside(table, name)
+    return means and not (_OTHER.search(text) or NOT_MEASURED.search(text) or has_axes_beside(table, name))
 
 
 def _is_known(table: SourceTable, speed: str, accuracy: str) -> bool:

@@ -17,15 +17,19 @@ from trackfg.interchange.importing.columns.plan_columns import plan_columns
 from trackfg.interchange.importing.columns.time_columns import is_sample_counter, time_columns
 from trackfg.interchange.importing.columns.written_units import factor_of, unit_in
 from trackfg.interchange.importing.proposals.questions import Ask, Proposal, Question, asked_number, asked_unit
-from trackfg.interchange.importing.proposals.receiver_speed_proposal import NAMED_AFTER_RECEIVERS
+from trackfg.interchange.importing.proposals.receiver_speed_proposal import NAMED_AFTER_RECEIVERS, NOT_MEASURED
 from trackfg.interchange.importing.pulse_levels import are_levels
 from trackfg.interchange.importing.source_table import ROW_NUMBER, SourceTable
 from trackfg.interchange.importing.times import TimeNotation, read_times
 from trackfg.interchange.importing.wheel_count import unwrapped_count
 from trackfg.numerics.chainage.passes import only_falls
 
-_WHEEL = re.compile(r"wheel|rad(?!ar|ius)|axle|achse|tach|odo")
+_WHEEL = re.compile(r"wheel|whl|rad(?!ar|ius)|axle|achse|tach|odo|колес")
 """Names of speeds that no GNSS receiver gives."""
+_OVER_GROUND = re.compile(r"radar|doppler|opti[ck]|laser|correvit|kistler|datron|corrsys")
+"""Names of sensors of the speed over ground, some of which are makes."""
+_OF_A_WHEEL, _UNNAMED, _OF_NO_WHEEL = range(3)
+"""What the names of a column and of its table say of a speed."""
 _PHONES = re.compile(r"pedomet|proximity")
 """Names of distances that other sensors of a phone give: that of its steps, and that to what is before its screen."""
 _TURNS = 0.3
@@ -45,6 +49,8 @@ def propose_tach(proposal: Proposal, tables: Sequence[SourceTable], ask: Ask) ->
         for table, name in _candidates(tables, kind):
             if kind in ("distance", "speed") and not _is_wheels(table, name, imu, ask):
                 continue
+            if kind in ("distance", "speed") and plan_columns(table) is None:
+                _give_reason(proposal, table, name)
             section: dict[str, Any] = {"file": table.name, **proposal.times_of(table, ask), "column": name}
             if kind == "count":
                 section |= _pulses(f"in {name}", ask)
@@ -61,6 +67,26 @@ def propose_tach(proposal: Proposal, tables: Sequence[SourceTable], ask: Ask) ->
     _propose_times_of_pulses(proposal, tables, ask)
 
 
+def propose_speeds_over_ground(proposal: Proposal, tables: Sequence[SourceTable]) -> None:
+    """Add a section for each sensor of the speed over ground beside the wheel: one whose name is that of a radar or an
+    optical sensor, and whose unit is stated.
+    """
+    tach, speeds = proposal.sections.get("tach"), list[dict[str, Any]]()
+    for table in tables if tach is not None else ():
+        for name in table.columns:
+            used = tach is not None and (table.name, name) == (tach["file"], tach["column"])
+            unit = unit_in(table.units.get(name) or name, "speed")
+            measured = (
+                kind_in(table, name) == "speed" and _is_scalar(table, name) and not _is_none_of_wheel(table, name)
+            )
+            if measured and not used and unit is not None and _sensor_named(table, name) == _OF_NO_WHEEL:
+                speeds.append({"file": table.name, **proposal.times_of(table), "column": name, "unit": unit})
+    if speeds:
+        proposal.sections["speed"] = speeds
+        named = ", ".join(f"{part['column']} of {part['file']}" for part in speeds)
+        proposal.reasons["speed.column"] = f"{named}: the speed over ground"
+
+
 def _candidates(tables: Sequence[SourceTable], kind: str) -> list[tuple[SourceTable, str]]:
     """Return a column of this kind of each table that has one, those of which the name says a wheel first.
 
@@ -70,20 +96,42 @@ def _candidates(tables: Sequence[SourceTable], kind: str) -> list[tuple[SourceTa
     for table in tables:
         times, plan = time_columns(table) or (), plan_columns(table)
         names = [name for name in table.columns if kind_in(table, name) == kind and _is_scalar(table, name)]
-        names = [name for name in names if name not in times and not _turns_otherwise(table, name)]
+        names = [name for name in names if name not in times and not _is_none_of_wheel(table, name)]
         if kind == "count":  # one that stays is of something else, or of a wheel at rest
             names = [name for name in names if not _is_constant(table.frame[name]) or _is_one(table.frame[name])]
-        of_wheel = [name for name in names if _WHEEL.search(name.casefold())]
-        if len(names) > 1 and not of_wheel and plan is not None:
+        names.sort(key=lambda name: _sensor_named(table, name))
+        if len(names) > 1 and _sensor_named(table, names[0]) != _OF_A_WHEEL and plan is not None:
             names.sort(key=lambda name: not _changes_between_positions(table, name, plan))
-        columns += [(table, name) for name in (of_wheel or names)[:1]]
-    return sorted(columns, key=lambda one: not _WHEEL.search(one[1].casefold()))
+        columns += [(table, name) for name in names[:1]]
+    return sorted(columns, key=lambda one: _sensor_named(*one))
 
 
-def _turns_otherwise(table: SourceTable, name: str) -> bool:
-    """Return whether a column holds turns of something that neither its name nor its table's calls a wheel."""
+def _sensor_named(table: SourceTable, name: str) -> int:
+    """Return what a column is of by its name, or else by its table's: a wheel, or a sensor that sees the ground."""
+    for text in (name.casefold(), stem_of(table.name).casefold()):
+        if _WHEEL.search(text):
+            return _OF_A_WHEEL
+        if _OVER_GROUND.search(text):
+            return _OF_NO_WHEEL
+    return _UNNAMED
+
+
+def _give_reason(proposal: Proposal, table: SourceTable, name: str) -> None:
+    """Give the reason for a speed or a distance in the place of the wheel's whose name does not say that it is one."""
+    if (sensor := _sensor_named(table, name)) == _OF_NO_WHEEL:
+        place = "a section [[speed]] of recording.toml is its own"
+        proposal.reasons["tach.column"] = f"{name} is of no wheel, and is taken in the place of one: {place}"
+    elif sensor == _UNNAMED:
+        proposal.reasons["tach.column"] = f"{name} is taken for the wheel's, which no name says"
+
+
+def _is_none_of_wheel(table: SourceTable, name: str) -> bool:
+    """Return whether a column holds a limit or a set value, or turns of something, and neither its name nor its table's
+    calls it a wheel's.
+    """
     turns = factor_of(_stated_unit(table, name), "angular rate") is not None
-    return turns and not _WHEEL.search(f"{stem_of(table.name)} {name}".casefold())
+    other = turns or NOT_MEASURED.search(name.casefold()) is not None
+    return other and not _WHEEL.search(f"{stem_of(table.name)} {name}".casefold())
 
 
 def _stated_unit(table: SourceTable, name: str) -> str:
@@ -175,7 +223,10 @@ def _is_scalar(table: SourceTable, name: str) -> bool:
     """
     is_number = pd.api.types.is_numeric_dtype(table.frame[name])
     folded, of_table = name.casefold(), stem_of(table.name).casefold()
-    is_others = _PHONES.search(f"{of_table} {folded}") is not None or NAMED_AFTER_RECEIVERS.search(folded) is not None
+    of_receiver = NAMED_AFTER_RECEIVERS.search(folded) is not None or (
+        NAMED_AFTER_RECEIVERS.search(of_table) is not None and not _WHEEL.search(f"{of_table} {folded}")
+    )
+    is_others = _PHONES.search(f"{of_table} {folded}") is not None or of_receiver
     return is_number and not (is_others or has_axes_beside(table, name) or is_sample_counter(table, name))
 
 

@@ -13,7 +13,8 @@ import pandas as pd
 from trackfg.interchange.importing.source_table import SourceTable
 
 _SIGNAL = re.compile(
-    r"^_?(signal|channel|variable|parameter|quantity|field|metric|kanal|gr(ö|oe)(ß|ss)e)([\s_.]?name)?$", re.IGNORECASE
+    r"^_?(signal|channel|variable|parameter|quantity|field|metric|series|kanal|gr(ö|oe)(ß|ss)e)([\s_.]?name)?$",
+    re.IGNORECASE,
 )
 _VALUE = re.compile(
     r"^_?((physical|phys|decoded|signal|channel)[\s_.]?)?(value|wert)([\s_.]?\(?phys\w*\)?)?$", re.IGNORECASE

@@ -17,8 +17,12 @@ from typing import Any
 
 import numpy as np
 
-from trackfg.interchange.importing.columns.receiver_state import HIGHEST_MEASURED, RANGE_SD_BY_QUALITY_M, RANGE_SD_M
-from trackfg.interchange.importing.proposal import UNKNOWN_HEIGHT_SD_M
+from trackfg.interchange.importing.columns.receiver_state import (
+    HIGHEST_MEASURED,
+    RANGE_SD_BY_QUALITY_M,
+    RANGE_SD_M,
+    UNKNOWN_HEIGHT_SD_M,
+)
 from trackfg.interchange.importing.times import as_ns
 from trackfg.numerics import geodesy
 from trackfg.numerics.arrays import Array

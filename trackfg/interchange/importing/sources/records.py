@@ -73,18 +73,19 @@ def _records(lines: Iterable[str], name: str) -> Iterator[dict[str, Any]]:
 def _tables(content: Any, name: str, depth: int) -> Iterator[SourceTable]:
     """Yield the tables within a value: lists of records, and objects with lists of numbers."""
     if isinstance(content, list):
-        if len(content) > 1 and all(isinstance(record, dict) for record in content):
+        if content and all(isinstance(record, dict) and _rows_of(record) is not None for record in content):
+            for number, record in enumerate(content):
+                yield from _tables(record, name if len(content) == 1 else f"{name}/{number}", depth)
+        elif len(content) > 1 and all(isinstance(record, dict) for record in content):
             yield table_of_records(content, name)
+        elif content and depth:
+            for number, part in enumerate(content):
+                yield from _tables(part, f"{name}/{number}", depth - 1)
         return
     if not isinstance(content, dict) or not depth:
         return
-    names, rows = content.get("columns"), content.get("data")
-    if (
-        isinstance(names, list)
-        and isinstance(rows, list)
-        and all(isinstance(row, list) and len(row) == len(names) for row in rows)
-    ):
-        yield table_of_records([dict(zip(map(str, names), row, strict=True)) for row in rows], name)
+    if (rows := _rows_of(content)) is not None:
+        yield table_of_records(rows, name)
         return
     arrays = {key: numbers for key, value in content.items() if (numbers := _numbers_in(value)) is not None}
     units = {key: str(content[key][unit]) for key in arrays for unit in _UNITS if unit in content[key]}
@@ -93,6 +94,19 @@ def _tables(content: Any, name: str, depth: int) -> Iterator[SourceTable]:
     for key, value in content.items():
         if key not in arrays:
             yield from _tables(value, f"{name}/{key}", depth - 1)
+
+
+def _rows_of(content: dict[str, Any]) -> list[dict[str, Any]] | None:
+    """Return the rows of an object that has the names of its columns once, as those of pandas and InfluxDB do; None
+    where it has not.
+    """
+    names = content.get("columns")
+    rows = next((content[key] for key in _VALUES if key in content), None)
+    if not isinstance(names, list) or not isinstance(rows, list):
+        return None
+    if not all(isinstance(row, list) and len(row) == len(names) for row in rows):
+        return None
+    return [dict(zip(map(str, names), row, strict=True)) for row in rows]
 
 
 def _numbers_in(value: Any) -> Any:

@@ -12,7 +12,7 @@ import numpy as np
 
 from trackfg.errors import BadInputError
 from trackfg.files.libraries import library
-from trackfg.interchange.importing.proposal import UNKNOWN_HEIGHT_SD_M
+from trackfg.interchange.importing.columns.receiver_state import UNKNOWN_HEIGHT_SD_M
 from trackfg.interchange.importing.source_format import DialectFor, SourceFormat, readable, refuse_empty, starts_with
 from trackfg.interchange.importing.source_table import SourceTable
 from trackfg.interchange.importing.sources.mcap_json import MCAP

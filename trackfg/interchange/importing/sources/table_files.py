@@ -22,6 +22,7 @@ from trackfg.interchange.importing.shapes.missing_values import without_stand_in
 from trackfg.interchange.importing.shapes.pair_lines import has_pairs, read_pairs
 from trackfg.interchange.importing.shapes.tagged_lines import delimiter_of_tagged, has_sentences, read_tagged
 from trackfg.interchange.importing.shapes.united_cells import without_units_in_cells
+from trackfg.interchange.importing.shapes.written_angles import with_degrees
 from trackfg.interchange.importing.source_format import DialectFor
 from trackfg.interchange.importing.source_table import SourceTable
 from trackfg.interchange.importing.sources.columnar import (
@@ -138,7 +139,7 @@ def _with_units(table: SourceTable) -> SourceTable:
 
 
 def _by_channel(table: SourceTable) -> list[SourceTable]:
-    table = with_whole_dates(without_units_in_cells(table))
+    table = with_whole_dates(without_units_in_cells(with_degrees(table)))
     time = time_columns(table)
     wide = wide_tables(table, time[0] if time is not None and len(time) == 1 else None)
     parts = by_sensor(table) if wide[0] is table else wide
