@@ -16,10 +16,13 @@ from trackfg.factors.states import Kind, Nav
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.rotations import matrices, skew, so3_log, so3_right_jacobian_inverse
 
+TRACKING_POINT = slice(2, 5)
+"""The place in ``MOUNT``, the first of the shared variables, of the point that follows the track."""
+
 
 def tracking_point(mount: Array) -> Array:
     """Return where the point that follows the track is, from the vehicle reference point, m. (m, 5) to (m, 3)."""
-    return mount[:, 2:]
+    return mount[:, TRACKING_POINT]
 
 
 def mount_matrix(mount: Array) -> Array:

@@ -16,6 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from trackfg.factors.motion import TRACKING_POINT
 from trackfg.factors.states import Kind, States, offset_in_keyframe
 from trackfg.graph.run_context import RunContext
 from trackfg.numerics.arrays import Array
@@ -31,7 +32,9 @@ class Points:
     """Places along the track, each passed at ``fraction`` (m,) of the interval after ``keyframe`` (m,).
 
     ``left`` (m, 3): horizontal unit vector to the left of the path, facing increasing chainage; ``axle`` (m, 3): the
-    vehicle's left axis, likewise facing; ``arm`` (m, 3): from the point to the IMU, m. All in n.
+    vehicle's left axis, likewise facing; ``arm`` (m, 3): from the point to the IMU, m. All in n. ``body`` (m, 3, 3):
+    the body axes in n, of points whose place in the vehicle is that of the point that follows the track; none of those
+    that sensors see.
     """
 
     keyframe: np.ndarray
@@ -39,9 +42,11 @@ class Points:
     left: Array
     axle: Array
     arm: Array
+    body: Array | None = None
 
     def __getitem__(self, rows: slice) -> Points:
-        return Points(self.keyframe[rows], self.fraction[rows], self.left[rows], self.axle[rows], self.arm[rows])
+        body = None if self.body is None else self.body[rows]
+        return Points(self.keyframe[rows], self.fraction[rows], self.left[rows], self.axle[rows], self.arm[rows], body)
 
 
 class PlaceErrors(NamedTuple):
@@ -63,25 +68,30 @@ class AngleErrors(NamedTuple):
 
 @dataclass(frozen=True)
 class PosteriorErrors:
-    """Samples of the keyframes' errors in n: ``nav`` (n, 3, 3, count), of attitude, position and velocity.
+    """Samples of the keyframes' errors in n: ``nav`` (n, 3, 3, count), of attitude, position and velocity, and of the
+    ``point`` that follows the track, in body axes (3, count).
 
     The noise in between has normal draws for the beam's modes (n - 1, 2, modes, count) and where the bridges are drawn
     from.
     """
 
     nav: Array
+    point: Array
     beam: Array
     rng: np.random.Generator
 
     @classmethod
-    def of(cls, states: States, samples: Array, rng: np.random.Generator) -> PosteriorErrors:
-        """Turn samples of the keyframes' tangents (n, KEYFRAME_DIM, count) into errors in n."""
+    def of(cls, states: States, drawn: tuple[Array, Array], rng: np.random.Generator) -> PosteriorErrors:
+        """Turn samples of the tangents of keyframes (n, KEYFRAME_DIM, count) and of shared variables (s, count), as
+        ``drawn`` together, into errors in n.
+        """
+        samples, shared = drawn
         at = offset_in_keyframe(Kind.NAV)
         n, _, count = samples.shape
         nav = np.empty((n, 3, 3, count))
         for i in range(3):
             np.matmul(states.nav.R, samples[:, at + 3 * i : at + 3 * i + 3], out=nav[:, i])
-        return cls(nav, rng.standard_normal((n - 1, 2, len(_BEAM_MODES), count)), rng)
+        return cls(nav, shared[TRACKING_POINT], rng.standard_normal((n - 1, 2, len(_BEAM_MODES), count)), rng)
 
     @property
     def count(self) -> int:
@@ -171,6 +181,8 @@ class PointErrors:
             if arm.any():
                 for walk, weight in zip(self._turned, -share * lever.T, strict=True):
                     self._add_noise(walk, self._noisiest, weight, out)
+            if self._points.body is not None:
+                out += share * np.einsum("mi,mij->mj", direction, self._points.body) @ self._errors.point
         beam, modes = self._errors.beam.reshape(-1, self._errors.count), np.arange(len(_BEAM_MODES))
         shapes = share * self._span**1.5 * _beam(self._points.fraction)
         for out, axis, plane in ((shifts.up, 2, 0), (shifts.shaken, 1, 1)):

@@ -2,17 +2,18 @@
 
 On a pass every quantity is a function of the chainage, here on whole multiples of the grid's step, ascending, facing
 increasing chainage whichever way the vehicle went (:class:`Shapes`). A sensor that follows the track gives the track's
-shape by its own path and attitude; on springs, displacement sensors give it (:mod:`trackfg.output.rail_profiles`).
+shape by its attitude and by the path of the point that follows the track, which need not be the declared reference
+point; on springs, displacement sensors give it (:mod:`trackfg.output.rail_profiles`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from trackfg.factors.motion import mount_matrix
+from trackfg.factors.motion import mount_matrix, tracking_point
 from trackfg.factors.states import States
 from trackfg.geometry.resampling import FEWEST_SAMPLES, resample
 from trackfg.graph.run_context import RunContext
@@ -154,17 +155,19 @@ def _profile(run: RunContext, motion: DenseMotion, states: States, stretch: Pass
         return None
     nav, R_bt = motion.nav[ascent.rows], mount_matrix(states.mount)[0]
     ahead, leftward = R_bt[:, 0], run.direction * R_bt[:, 1]
+    from_track = run.lever_arm - tracking_point(states.mount)[0]
 
     def seen(rows: slice) -> tuple[Array, Array, Array]:
         R = nav.R[rows]
-        axle, arm, forward = (matrices_times(R, direction) for direction in (leftward, run.lever_arm, ahead))
+        axle, arm, forward = (matrices_times(R, direction) for direction in (leftward, from_track, ahead))
         return axle, arm, np.abs(np.einsum("mi,mi->m", nav.v[rows], forward))
 
     heading = np.unwrap(np.arctan2(nav.R[:, 1] @ ahead, nav.R[:, 0] @ ahead))
-    shape = np.vstack([(nav.p - matrices_times(nav.R, run.lever_arm)).T, heading, nav.R[:, 2] @ leftward])
+    shape = np.vstack([(nav.p - matrices_times(nav.R, from_track)).T, heading, nav.R[:, 2] @ leftward])
     grid, (east, north, height, heading, tilt) = resample(ascent.x, ascent.sorted(shape.T).T, step_m)
     lateral, left = lateral_of(east, north, step_m)
     (points,), speed = ascent.points(grid, left, seen)
+    points = replace(points, body=ascent.on(grid, lambda rows: nav.R[rows].reshape(-1, 9)).reshape(-1, 3, 3))
     none = np.zeros(len(grid))
     return Profile(
         cell=np.rint(grid / step_m).astype(np.int64),

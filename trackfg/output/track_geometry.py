@@ -81,7 +81,7 @@ def geometry_table(
     if not passes:
         return pd.DataFrame(columns=names, dtype=np.float64)
     rng = np.random.default_rng(0)
-    errors = PosteriorErrors.of(states, posterior_samples(root, _SAMPLES, rng)[0], rng)
+    errors = PosteriorErrors.of(states, posterior_samples(root, _SAMPLES, rng), rng)
     variance = keyframe_variances(states, covariance, run.lever_arm, run.mount_roll_sd)
     tables: list[pd.DataFrame] = []
     taken = np.zeros(0, dtype=np.int64)

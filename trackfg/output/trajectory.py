@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 import pandas as pd
 
-from trackfg.factors.motion import mount_axes, mount_matrix, tracking_point
+from trackfg.factors.motion import TRACKING_POINT, mount_axes, mount_matrix, tracking_point
 from trackfg.factors.states import KEYFRAME_DIM, SHARED_DIM, Kind, Odo, States, offset_in_keyframe
 from trackfg.graph.run_context import RunContext
 from trackfg.numerics.arrays import Array
@@ -22,11 +22,8 @@ QUANTITIES = ("chainage_m", "east_m", "north_m", "up_m", "speed_mps", "roll_rad"
 _COLUMNS = tuple(column for name in QUANTITIES for column in (name, f"{name}_sd"))
 """Quantities and their sigmas, in the order of the table."""
 
-_SHARED_POINT = slice(2, 5)
-"""The place of the point that follows the track, among the shared variables."""
-
-_POINT = slice(KEYFRAME_DIM + _SHARED_POINT.start, KEYFRAME_DIM + _SHARED_POINT.stop)
-"""The same among a keyframe's and the shared variables."""
+_POINT = slice(KEYFRAME_DIM + TRACKING_POINT.start, KEYFRAME_DIM + TRACKING_POINT.stop)
+"""The place of the point that follows the track, among a keyframe's and the shared variables."""
 
 
 def trajectory_table(run: RunContext, motion: DenseMotion, states: States, covariance: Covariance) -> pd.DataFrame:
@@ -82,7 +79,7 @@ def _by_arrays(run: RunContext, motion: DenseMotion, states: States, covariance:
     between[:, :4] += (accel * bridge**3 / 3.0 + swing)[:, None]
     between[:, 4] += accel * bridge + gyro @ (skew(arm) @ forward) ** 2 / motion.gyro_span
     swung = cross(forward[None], motion.gyro)
-    between[:, 4] += np.einsum("mi,ij,mj->m", swung, covariance.of_shared[_SHARED_POINT, _SHARED_POINT], swung)
+    between[:, 4] += np.einsum("mi,ij,mj->m", swung, covariance.of_shared[TRACKING_POINT, TRACKING_POINT], swung)
     between[:, 4] += 2.0 * np.sum((with_point[k] * (1.0 - f) + with_point[k + 1] * f) * swung, axis=1)
     between[:, 5:8] += gyro * bridge[:, None]
     return np.stack([np.column_stack(columns), np.sqrt(between)], axis=2).reshape(len(motion.t), -1)
@@ -95,7 +92,7 @@ def _by_kernel(run: RunContext, motion: DenseMotion, states: States, covariance:
     nav, out = motion.nav, np.empty((len(motion.t), len(_COLUMNS)))
     moves = (nav.R, nav.p, nav.v, motion.gyro, motion.distance, motion.fraction, motion.gyro_span)
     inputs = (run.t, run.noise.accel, run.noise.gyro, *spread)
-    of_point = covariance.of_shared[_SHARED_POINT, _SHARED_POINT]
+    of_point = covariance.of_shared[TRACKING_POINT, TRACKING_POINT]
     compiled.trajectory_rows(
         tuple(map(kernel_argument, moves)),
         tuple(map(kernel_argument, inputs)),

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
+from trackfg.factors.motion import TRACKING_POINT
 from trackfg.factors.states import KEYFRAME_DIM, SHARED_DIM, Kind, Nav, Odo, States, offset_in_keyframe
 from trackfg.numerics.rotations import matrix_from_rpy
 from trackfg.output.profile_samples import AngleErrors, PlaceErrors, PointErrors, Points, PosteriorErrors, Shifts
@@ -42,7 +44,7 @@ def points(fraction: np.ndarray, arm: np.ndarray | None = None, keyframe: int = 
 def drawn(tangents: np.ndarray | None = None, seed: int = 0) -> PosteriorErrors:
     """Errors of keyframes that are known exactly, or with these samples of their tangents."""
     samples = np.zeros((KEYFRAMES, KEYFRAME_DIM + SHARED_DIM, COUNT)) if tangents is None else tangents
-    return PosteriorErrors.of(states(), samples, np.random.default_rng(seed))
+    return PosteriorErrors.of(states(), (samples, np.zeros((SHARED_DIM, COUNT))), np.random.default_rng(seed))
 
 
 FRACTION = np.array([0.0, 0.1, 0.25, 0.5, 0.7, 1.0])
@@ -168,7 +170,7 @@ def errors_in_a_curve(turned: float, longer: float) -> PlaceErrors:
     here, k = ON_CURVE_M / RADIUS_M, (ON_CURVE_M / 20.0).astype(int)
     left = np.stack([-np.sin(here), np.cos(here), np.zeros(len(here))], axis=1)
     on_curve = Points(k, ON_CURVE_M / 20.0 - k, left, left, np.zeros((len(here), 3)))
-    errors = PosteriorErrors.of(curve, samples, np.random.default_rng(0))
+    errors = PosteriorErrors.of(curve, (samples, np.zeros((SHARED_DIM, COUNT))), np.random.default_rng(0))
     return PointErrors(SILENT, on_curve, errors).places()
 
 
@@ -189,3 +191,17 @@ def test_a_path_that_seems_longer_seems_to_bend_less() -> None:
     assert bent == pytest.approx(-longer / RADIUS_M, rel=0.02)
     turn = np.polyfit(ON_CURVE_M, found.turn[0] / step, 1)[0]
     assert turn == pytest.approx(-longer / RADIUS_M, rel=0.02)
+
+
+def test_point_that_is_elsewhere_in_the_vehicle_is_elsewhere_as_the_body_is_turned() -> None:
+    """0.1 m further to the left, on a body that rolls by 0.1 rad, is 0.01 m higher and 0.0995 m to the left."""
+    shared = np.zeros((SHARED_DIM, COUNT))
+    shared[TRACKING_POINT] = np.array([0.0, 0.1, 0.0])[:, None]
+    tangents = np.zeros((KEYFRAMES, KEYFRAME_DIM, COUNT))
+    errors = PosteriorErrors.of(states(), (tangents, shared), np.random.default_rng(0))
+    seen = points(FRACTION)
+    followed = replace(seen, body=np.tile(states().nav.R[0], (len(FRACTION), 1, 1)))
+    places, of_sensor = (PointErrors(SILENT, one, errors).places() for one in (followed, seen))
+    assert places.height == pytest.approx(0.1 * np.sin(0.1), abs=1e-6)
+    assert places.lateral == pytest.approx(0.1 * np.cos(0.1), abs=1e-6)
+    assert of_sensor.height == pytest.approx(0.0, abs=1e-6)

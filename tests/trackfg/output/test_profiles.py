@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pandas as pd
 import pytest
 
-from trackfg.datasets.scenarios import Simulation
+from trackfg.config import SmoothConfig
+from trackfg.datasets.scenarios import Simulation, scenario, simulate
 from trackfg.evaluation.geometry_errors import geometry_errors, quantities
 from trackfg.output.profiles import lateral_of
 from trackfg.results.columns import GEOMETRY_COLUMNS
-from trackfg.smoothing.smoother import SmoothedStates
+from trackfg.smoothing.smoother import SmoothedStates, smooth_states
 
 RUNS: dict[str, dict[str, Any]] = {
     "mainline": {"seed": 1, "duration_s": 120.0},
@@ -67,6 +69,19 @@ def test_noise_free_run_gives_the_truth(perfect: Perfect, name: str) -> None:
     cross_level = error["cross_level_mm"]
     assert (cross_level - cross_level.mean()).std() < 0.01
     assert abs(cross_level.mean()) < 0.1
+
+
+def test_geometry_is_that_of_the_point_that_follows_the_track() -> None:
+    """A sensor over one rail and 0.5 m high, of which the recording does not say so, rises where the track rolls."""
+    plan = scenario("mainline")
+    plan = replace(plan, imu=replace(plan.imu, lever_arm_m=(0.2, 0.6, 0.5)))
+    run = simulate(plan, seed=1, duration_s=120.0, noise=False)
+    imu = run.recording.description.imu.model_copy(update={"lever_arm_m": (0.0, 0.0, 0.0)})
+    description = run.recording.description.model_copy(update={"imu": imu})
+    smoothed = smooth_states(replace(run.recording, description=description), SmoothConfig())
+    error = errors(run, smoothed)
+    for quantity in ("level_mm", "alignment_mm", "versine_level_mm", "versine_alignment_mm"):
+        assert rms(error[quantity]) < 0.05, quantity  # at the sensor's own place 0.4 to 0.8 mm
 
 
 def test_trolley_on_two_axles_gives_the_truth_but_for_what_its_wheelbase_averages(perfect: Perfect) -> None:
