@@ -45,12 +45,12 @@ def _task_table(case: ComparedCase, task: str, rows: Sequence[Row]) -> Renderabl
     what = f"{case.name} withheld" if withheld else f"{case.name}, {task}"
     runs = f"{len(case.seeds)} {'parts' if withheld else 'runs'}" if len(case.seeds) > 1 else "1 run"
     against = ", difference from the first recording" if case.basis == "repeatability" else ""
-    figures = numbers("error", "±", "largest", "coverage, %", "error / smoother's", "s / km")
+    figures = numbers("error", "±", "largest", "coverage,\n%", "error /\nsmoother's", "s / km")
     title = f"{what}: {runs} of {case.duration_s:.0f} s, {case.distance_km:.2f} km{against}"
-    table = titled(title, "", *figures)
+    table = titled(title, *columns("", no_wrap=True), *figures)  # names and headings fit into 80 letters whole
     for quantity in dict.fromkeys(row.quantity for row in rows):
         table.add_section()
-        table.add_row(Text(QUANTITIES[quantity].heading, style="bold"))
+        table.add_row(Text(QUANTITIES[quantity].heading.replace(", offset", ",\noffset"), style="bold"))
         for row in rows:
             if row.quantity == quantity:
                 table.add_row(*_score_cells(row), style=_BEATING if row.beats_the_smoother else "")

@@ -173,7 +173,9 @@ def _status_line(*, shown: bool) -> Iterator[Callable[[StreamStep], None]]:
 
 def _status(step: StreamStep) -> str:
     newest = step.estimates.filtered.iloc[-1]
-    place, speed = newest["chainage_m"], 3.6 * newest["speed_mps"]
+    place, speed = (
+        round(value, 1) + 0.0 for value in (newest["chainage_m"], 3.6 * newest["speed_mps"])
+    )  # without -0.0
     return f"{newest['t_s']:.1f} s {place:.1f} m {speed:.1f} km/h delay {step.delay_s or 0.0:.1f} s"
 
 

@@ -135,6 +135,14 @@ def test_a_stream_shows_where_it_is(on_terminal: OnTerminal, recording: Path, tm
     assert on_terminal("stream", recording, "-o", tmp_path / "b", "--lag", 5, "-q") == ""
 
 
+def test_a_comparison_shows_the_names_of_systems_whole(
+    on_terminal: OnTerminal, recording: Path, tmp_path: Path
+) -> None:
+    shown = on_terminal("compare", recording, "-o", tmp_path / "comparison")
+    for name in ("complementary", "accelerometer", "dead-reckoning"):
+        assert re.search(rf"│ .? ?{name} +│", shown)
+
+
 @pytest.mark.parametrize("width", [40, 60, 80, 120])
 def test_columns_break_between_words(
     width: int, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]

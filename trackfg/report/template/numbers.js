@@ -29,8 +29,13 @@ function placeText(chart, x) {
   return `km ${written(official + rate * (x - at), stretch, chart.official.plus, 1)}`;
 }
 
-/** Round places of an axis, about so many: where they are and what is written there. */
-function ticks(chart, [from, to], count) {
+/** Round places of an axis, about so many, and two or more: where they are and what is written there. */
+function ticks(chart, range, count) {
+  const found = roundPlaces(chart, range, count);
+  return found.length < 2 && count < 20 ? ticks(chart, range, 2 * count) : found;
+}
+
+function roundPlaces(chart, [from, to], count) {
   const round = (rough) => {
     const decade = 10 ** Math.floor(Math.log10(rough));
     return decade * [1, 2, 5, 10].find((size) => size * decade >= rough * .999);
