@@ -1,4 +1,6 @@
-"""A stream tests whether its sensor is on a frame of two axles, as :mod:`trackfg.smoothing.doubts.axle_doubts` does."""
+"""A stream tests whether its sensor is on a frame of two axles, or moves otherwise than the track does, as
+:mod:`trackfg.smoothing.doubts.axle_doubts` does.
+"""
 
 from __future__ import annotations
 
@@ -8,9 +10,11 @@ import numpy as np
 
 from trackfg.numerics.arrays import Array
 from trackfg.results.events import DOUBT, Event
-from trackfg.sensors.imu_filters.axles import SIGNALS, STEP_S, axles, means, products
+from trackfg.sensors.imu_filters.axles import MEANS, STEP_S, TrackSums, axles, means, own_motion, track_sums
 from trackfg.sensors.imu_intervals import Intervals
-from trackfg.smoothing.doubts.axle_doubts import Bends
+from trackfg.sensors.imu_noise import NoiseAtRest, noise_seen
+from trackfg.smoothing.doubts.axle_doubts import Bends, own_in_words
+from trackfg.smoothing.leaning_body import HINT, OF_TRACK
 from trackfg.streaming.bandwidth_test import advice
 from trackfg.streaming.tables.smoothed_tables import Tables
 
@@ -26,33 +30,41 @@ _ENOUGH = 100
 
 @dataclass
 class AxleTest:
-    """The ``products`` (b, 7, 7) of the first blocks, the ``means`` (n, 5) that are not among them yet, and how the
-    geometry ``bends``.
+    """The ``sums`` of the first blocks, the ``means`` (n, 7) that are not among them yet, and how the geometry
+    ``bends``.
     """
 
-    products: Array = field(default_factory=lambda: np.zeros((0, SIGNALS, SIGNALS)))
-    means: Array = field(default_factory=lambda: np.zeros((0, 5)))
+    sums: TrackSums = field(default_factory=TrackSums)
+    means: Array = field(default_factory=lambda: np.zeros((0, MEANS)))
     bends: Bends | None = None
 
-    def put(self, samples: Intervals, led_to: Tables, step_m: float) -> None:
-        """Take the next samples, and the tables that they led to."""
+    def put(
+        self, samples: Intervals, declared: tuple[float, float], at_rest: NoiseAtRest, led_to: Tables, step_m: float
+    ) -> None:
+        """Take the next samples, the densities of noise that are ``declared`` of gyro and accelerometer, what rests
+        show of it, and the tables that the samples led to.
+        """
         smoothed, geometry = led_to.trajectory, led_to.geometry
         if len(geometry):
             bends = Bends.of(geometry, step_m)
             self.bends = bends if self.bends is None else self.bends + bends
-        if len(smoothed) and len(self.products) < _ENOUGH:
-            new = means(samples, smoothed["t_s"].to_numpy(), smoothed["speed_mps"].to_numpy())
+        if len(smoothed) > 1 and len(self.sums) < _ENOUGH:
+            t = smoothed["t_s"].to_numpy()
+            new = means(samples, noise_seen(samples, t, *declared, at_rest), t, smoothed["speed_mps"].to_numpy())
             self.means = np.concatenate([self.means, new])
             if np.sum(self.means[:, 0]) * STEP_S > _WAY_M or len(self.means) > _MOST:
-                self.products = np.concatenate([self.products, products(self.means)])
+                self.sums += track_sums(self.means)
                 self.means = self.means[:0]
 
     def events(self, until_s: float) -> tuple[Event, ...]:
-        """Return an event for each quantity whose short waves the frame misses."""
-        frame = None if self.bends is None else axles(self.products)
-        if frame is None or self.bends is None:
+        """Return an event for each quantity whose short waves the frame misses, and one where it does not follow the
+        track.
+        """
+        if self.bends is None:
             return ()
-        return tuple(
-            Event(DOUBT, t_s=until_s, detail=f"{', '.join(doubt.quantities)}: {doubt.reason}: {advice(doubt)}")
-            for doubt in self.bends.doubts(frame)
-        )
+        frame, share = axles(self.sums), own_motion(self.sums)
+        details = [] if share is None else [f"{', '.join(OF_TRACK)}: {own_in_words(share)}: {HINT}"]
+        if frame is not None:
+            doubts = self.bends.doubts(frame)
+            details += [f"{', '.join(doubt.quantities)}: {doubt.reason}: {advice(doubt)}" for doubt in doubts]
+        return tuple(Event(DOUBT, t_s=until_s, detail=detail) for detail in details)

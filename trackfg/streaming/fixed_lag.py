@@ -29,7 +29,7 @@ import pandas as pd
 from trackfg.config import SmoothConfig
 from trackfg.errors import BadInputError
 from trackfg.factors.motion import mount_matrix
-from trackfg.graph.inputs import RATE_WINDOW_S
+from trackfg.graph.inputs import RATE_WINDOW_S, declared_noise
 from trackfg.numerics.arrays import Array
 from trackfg.output.dense_motion import DenseMotion
 from trackfg.output.trajectory import trajectory_columns
@@ -333,7 +333,8 @@ class FixedLagSmoother:
         if self._buffer.description.imu.rigid:
             step_m = running.context.conventions.step_m
             self._bandwidth_test.put(samples, running.rests.spans, led_to.geometry, step_m)
-            self._axle_test.put(samples, led_to, step_m)
+            declared = declared_noise(self._buffer.description, self.config)
+            self._axle_test.put(samples, declared, running.noise.shown, led_to, step_m)
         bandwidth_hz = self._bandwidth_test.bandwidths.least_hz
         self._vibration_test.put(samples, led_to.trajectory, led_to.geometry, bandwidth_hz)
         self._accelerometer_test.put(samples, led_to.trajectory)

@@ -24,7 +24,7 @@ _MOST_BLOCKS = 5000
 @dataclass
 class VibrationTest:
     """The newest ``blocks``, and ``sums`` (3, 2): the number of sigmas of each of
-    :data:`~trackfg.smoothing.doubts.vibration_doubts.COLUMNS` and the sum of their squares, mm^2.
+    :data:`~trackfg.smoothing.doubts.vibration_doubts.COLUMNS` and the sum of ``1 / sigma^2``, 1/mm^2.
     """
 
     blocks: Blocks = field(default_factory=lambda: Blocks(np.zeros(0), np.zeros(0), np.zeros((0, 3))))
@@ -43,14 +43,14 @@ class VibrationTest:
             self.blocks = Blocks(*joined)
         of_track = columns_of(geometry)
         for i, column in enumerate(COLUMNS.values()):
-            squares = of_track[f"{column}_sd"] ** 2
-            self.sums[i] += [np.count_nonzero(~np.isnan(squares)), np.nansum(squares)]
+            weights = of_track[f"{column}_sd"] ** -2.0
+            self.sums[i] += [np.count_nonzero(~np.isnan(weights)), np.nansum(weights)]
 
     def events(self, until_s: float, conventions: GeometryConventions) -> tuple[Event, ...]:
         """Return an event for each quantity of the track that vibration hides, known at the end of a stream."""
         usual = {
-            name: float(np.sqrt(squares / number))
-            for name, (number, squares) in zip(COLUMNS, self.sums.tolist(), strict=True)
+            name: float(np.sqrt(number / weights))
+            for name, (number, weights) in zip(COLUMNS, self.sums.tolist(), strict=True)
             if number
         }
         shown = visible_vibration(self.blocks, usual, conventions)

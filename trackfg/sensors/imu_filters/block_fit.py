@@ -14,14 +14,20 @@ FEWEST_BLOCKS = 10
 
 
 class BlockFit(NamedTuple):
-    """``ratio``: the last unknown over the first, the gain; its sigma ``sd``; ``explained``: the share of the power of
-    the observed signal; ``whole`` (k, k): the normal matrix.
+    """``ratio``: the last unknown over the first, the gain; its sigma ``sd``; ``left`` (b,): the power of the observed
+    signal in each block that is not explained, of ``power`` in all; ``whole`` (k, k): the normal matrix.
     """
 
     ratio: float
     sd: float
-    explained: float
+    left: Array
+    power: float
     whole: Array
+
+    @property
+    def explained(self) -> float:
+        """The share of the power of the observed signal that is explained."""
+        return 1.0 - float(self.left.sum()) / self.power
 
 
 def block_fit(products: Array) -> BlockFit | None:
@@ -38,5 +44,6 @@ def block_fit(products: Array) -> BlockFit | None:
     unknown = inverse @ n.sum(axis=0)
     of_last = (n - N @ unknown) @ inverse[-1]
     gain, few = unknown[0], widening_of_few(len(products) - len(unknown))
-    explained = float(unknown @ n.sum(axis=0) / products[:, -1, -1].sum())
-    return BlockFit(float(unknown[-1] / gain), few * float(np.sqrt(of_last @ of_last) / abs(gain)), explained, whole)
+    left = products[:, -1, -1] - 2.0 * n @ unknown + np.einsum("i,bij,j->b", unknown, N, unknown)
+    sd = few * float(np.sqrt(of_last @ of_last) / abs(gain))
+    return BlockFit(float(unknown[-1] / gain), sd, left, float(products[:, -1, -1].sum()), whole)

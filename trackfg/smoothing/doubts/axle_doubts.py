@@ -4,6 +4,10 @@ No residual says so. Axles L apart leave cos(pi L / wavelength) of an amplitude 
 10 m 0.71 with 2.5 m, 0.95 with 1 m. So a column y of the path lacks ``-L^2 y'' / 8``
 (:mod:`trackfg.sensors.imu_filters.axles`). The heading of the chord lacks a third of that, but the graph holds it
 between the chord's and the path's.
+
+A sensor whose force its turning and its noise do not explain has a motion of its own. The graph explains such a body on
+springs, too, by mounting, calibration and noise: its path leaves its heading by less than :mod:`path_doubts
+<trackfg.smoothing.doubts.path_doubts>` look for.
 """
 
 from __future__ import annotations
@@ -18,8 +22,9 @@ import pandas as pd
 from trackfg.factors.factor_type import FactorType
 from trackfg.numerics.arrays import Array
 from trackfg.results.verdict import Doubt, Quantity
-from trackfg.sensors.imu_filters.axles import Axles, axles, means, products
+from trackfg.sensors.imu_filters.axles import Axles, axles, means, own_motion, track_sums
 from trackfg.smoothing.doubts.vibration_doubts import COLUMNS, LEAST_WIDENING
+from trackfg.smoothing.leaning_body import HINT, OF_TRACK
 from trackfg.smoothing.reassessment import SolvedRun
 
 _ALL: Mapping[Quantity, str] = {"cross_level": "cross_level_mm", **COLUMNS, "curvature": "curvature_1pm"}
@@ -27,12 +32,15 @@ _ALL: Mapping[Quantity, str] = {"cross_level": "cross_level_mm", **COLUMNS, "cur
 _OVER_M = 0.5
 """A bend is that over so much to either side, m: shorter waves are noise."""
 
-_HINT = "put the sensor on one axle, or on a frame with axles closer to each other"
+_FRAME_HINT = "put the sensor on one axle, or on a frame with axles closer to each other"
 
 
 @dataclass(frozen=True)
 class Bends:
-    """How a geometry bends: of each column the number and the sum of squares of ``y''``, and of the sigmas, (5, 4)."""
+    """How a geometry bends: of each column the number and the sum of squares of ``y''``, and the number of sigmas and
+    the sum of ``1 / sigma^2``, (5, 4). Squares of sigmas would be those of holes, where they are hundreds of times as
+    large.
+    """
 
     sums: Array
 
@@ -47,7 +55,7 @@ class Bends:
             for row, column in zip(sums, _ALL.values(), strict=True):
                 y, sd = geometry[column].to_numpy(), geometry[f"{column}_sd"].to_numpy()
                 bend = (y[2 * reach :] - 2.0 * y[reach:-reach] + y[: -2 * reach])[inside] / (reach * step_m) ** 2
-                row[:] = [np.isfinite(bend).sum(), np.nansum(bend**2), np.isfinite(sd).sum(), np.nansum(sd**2)]
+                row[:] = [np.isfinite(bend).sum(), np.nansum(bend**2), np.isfinite(sd).sum(), np.nansum(sd**-2.0)]
         return cls(sums)
 
     def __add__(self, other: Bends) -> Bends:
@@ -55,21 +63,34 @@ class Bends:
 
     def doubts(self, frame: Axles) -> Iterator[Doubt]:
         """Yield doubts of the quantities of which such a frame misses more than their sigmas."""
-        for (name, column), (number, bent, sigmas, variance) in zip(_ALL.items(), self.sums.tolist(), strict=True):
+        for (name, column), (number, bent, sigmas, weight) in zip(_ALL.items(), self.sums.tolist(), strict=True):
             if not (number and sigmas):
                 continue
             missing = frame.apart_m**2 / 8.0 * math.sqrt(bent / number)
-            factor = math.hypot(1.0, missing / math.sqrt(variance / sigmas))
+            factor = math.hypot(1.0, missing * math.sqrt(weight / sigmas))
             if factor >= LEAST_WIDENING:
                 unit = column.rpartition("_")[2].replace("1pm", "1/m")
                 reason = f"the sensor is on a frame whose axles are {frame.apart_m:.1f} m apart"
-                yield Doubt((name,), factor, f"{reason}: {missing:.2g} {unit} of {name} are missing", _HINT)
+                yield Doubt((name,), factor, f"{reason}: {missing:.2g} {unit} of {name} are missing", _FRAME_HINT)
 
 
 def axle_doubts(run: SolvedRun, geometry: pd.DataFrame) -> list[Doubt]:
-    """Return doubts of the short waves that a frame on two axles, which follows the track, does not follow."""
+    """Return doubts of the short waves that a frame on two axles, which follows the track, does not follow, and of the
+    geometry where the sensor does not follow it.
+    """
     if geometry.empty or run.problem.family(FactorType.PATH) is None:
         return []
-    context, nav = run.problem.run, run.solution.states.nav
-    frame = axles(products(means(context.inertial, context.t, np.linalg.norm(nav.v, axis=1))))
-    return [] if frame is None else list(Bends.of(geometry, context.conventions.step_m).doubts(frame))
+    context, speed = run.problem.run, np.linalg.norm(run.solution.states.nav.v, axis=1)
+    # Levels of noise that residuals show hold what the model does not explain: a motion of the sensor's own.
+    sums = track_sums(means(context.inertial, run.declared.run.noise, context.t, speed))
+    frame, share = axles(sums), own_motion(sums)
+    doubts = [] if frame is None else list(Bends.of(geometry, context.conventions.step_m).doubts(frame))
+    return doubts if share is None else [*doubts, Doubt(OF_TRACK, math.inf, own_in_words(share), HINT)]
+
+
+def own_in_words(share: float) -> str:
+    """Say what a share of the force is that is motion of the sensor's own."""
+    return (
+        f"of the force upwards on waves of 8 to 30 m {100 * share:.0f} % are neither noise nor what the sensor's "
+        "turning shows of the track: the sensor is on springs and was declared rigid"
+    )

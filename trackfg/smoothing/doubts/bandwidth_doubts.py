@@ -41,7 +41,7 @@ _HINT = "filter the sensor less, or write rates and forces of its own rate, not 
 class ShortWaves:
     """How fast a geometry was measured, and how it bends: the number of rows by whole m/s ``speeds`` (200,); of each of
     :data:`~trackfg.smoothing.doubts.vibration_doubts.COLUMNS` the number and the sum of squares of ``v^2 y''``,
-    (mm/s^2)^2, and of the sigmas, mm^2: ``sums`` (3, 4).
+    (mm/s^2)^2, and the number of sigmas and the sum of ``1 / sigma^2``, 1/mm^2: ``sums`` (3, 4).
     """
 
     speeds: Array
@@ -65,7 +65,7 @@ class ShortWaves:
                     np.count_nonzero(np.isfinite(bends)),
                     np.nansum(bends**2),
                     np.count_nonzero(np.isfinite(sds)),
-                    np.nansum(sds**2),
+                    np.nansum(sds**-2.0),
                 ]
         return cls(speeds.astype(np.float64), sums)
 
@@ -77,7 +77,7 @@ class ShortWaves:
         rates, forces = ("gyro", bandwidths.gyro_hz), ("accelerometer", bandwidths.accel_hz)
         made_of = {"twist": rates, "level": forces, "alignment": forces}
         speeds = np.arange(_FASTEST_MPS) + 0.5
-        for name, (number, bent, sigmas, variance) in zip(COLUMNS, self.sums.tolist(), strict=True):
+        for name, (number, bent, sigmas, weight) in zip(COLUMNS, self.sums.tolist(), strict=True):
             sensor, hz = made_of[name]
             if hz is None or not (number and sigmas):
                 continue
@@ -89,7 +89,7 @@ class ShortWaves:
                 yield Doubt((name,), math.inf, reason, _HINT)
                 continue
             missing = 0.5 * math.sqrt(bent / number) / (2.0 * math.pi * hz) ** 2
-            factor = math.hypot(1.0, missing / math.sqrt(variance / sigmas))
+            factor = math.hypot(1.0, missing * math.sqrt(weight / sigmas))
             if factor >= LEAST_WIDENING:
                 yield Doubt((name,), factor, f"{reason}: {missing:.2g} mm of {name} are missing", _HINT)
 

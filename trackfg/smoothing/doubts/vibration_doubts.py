@@ -42,7 +42,8 @@ def vibration_doubts(run: SolvedRun, geometry: pd.DataFrame, bandwidths: Bandwid
     nav, context = run.solution.states.nav, run.problem.run
     blocks = Blocks.of(context.inertial, context.t, np.linalg.norm(nav.v, axis=1), bandwidths.least_hz)
     sigmas = {name: geometry[f"{column}_sd"].dropna() for name, column in COLUMNS.items()}
-    usual = {name: float(np.sqrt(np.mean(np.square(sd)))) for name, sd in sigmas.items() if len(sd)}
+    # Errors of one size over the sigmas have the mean square of 1 / sigma^2: holes hardly count.
+    usual = {name: float(np.mean(sd**-2.0) ** -0.5) for name, sd in sigmas.items() if len(sd)}
     return [
         Doubt((name,), shown.factor, shown.reason, HINT)
         for name, shown in visible_vibration(blocks, usual, context.conventions).items()

@@ -13,6 +13,9 @@ from trackfg.numerics.arrays import Array
 from trackfg.recording.description import RecordingDescription
 from trackfg.recording.model import IMU_COLUMNS, Recording
 from trackfg.results.events import DOUBT
+from trackfg.sensors.imu_filters.axles import Axles
+from trackfg.smoothing.doubts.axle_doubts import Bends
+from trackfg.smoothing.leaning_body import OF_TRACK
 from trackfg.streaming.fixed_lag import FixedLagSmoother
 from trackfg.streaming.intake.intake import Intake
 from trackfg.streaming.sources.source import RecordingSource
@@ -35,8 +38,10 @@ class Waves:
         return np.asarray(np.sin(angle) @ (self.amplitude[what] * gain * self.k**derivative))
 
 
-def ride(apart_m: float) -> tuple[Recording, Waves]:
-    """A ride at one speed on axles so far apart: its middle is their mean, it points along their chord."""
+def ride(apart_m: float, force_white: float = _ACCEL_WHITE) -> tuple[Recording, Waves]:
+    """A ride at one speed on axles so far apart: its middle is their mean, it points along their chord. ``force_white``
+    is the noise of the force upwards.
+    """
     waves, rng = Waves(0), np.random.default_rng(1)
     half = 0.5 * waves.k * apart_m
     mean, chord = np.cos(half), np.sinc(half / np.pi)
@@ -47,7 +52,8 @@ def ride(apart_m: float) -> tuple[Recording, Waves]:
         *(v * waves.of(1, x, mean, 1), -v * waves.of(0, x, chord, 2), np.zeros(len(t))),
         *(-g * np.sin(pitch), g * np.sin(roll), g + v**2 * waves.of(0, x, mean, 2)),
     ])  # fmt: skip
-    samples += rng.standard_normal(samples.shape) * np.sqrt(_RATE_HZ) * np.repeat([_GYRO_WHITE, _ACCEL_WHITE], 3)
+    white = np.array([*[_GYRO_WHITE] * 3, *[_ACCEL_WHITE] * 2, force_white])
+    samples += rng.standard_normal(samples.shape) * np.sqrt(_RATE_HZ) * white
     imu = pd.DataFrame(np.column_stack([t, samples]), columns=list(IMU_COLUMNS))
     at = np.arange(0.0, _DURATION_S, 0.05)
     names = {"gyro": ["wx", "wy", "wz"], "accel": ["fx", "fy", "fz"]}
@@ -66,14 +72,15 @@ def ride(apart_m: float) -> tuple[Recording, Waves]:
 
 
 @lru_cache(maxsize=2)
-def smoothed(apart_m: float) -> tuple[trackfg.Result, Waves]:
-    recording, waves = ride(apart_m)
+def smoothed(apart_m: float, force_white: float = _ACCEL_WHITE) -> tuple[trackfg.Result, Waves]:
+    recording, waves = ride(apart_m, force_white)
     return trackfg.smooth(recording), waves
 
 
-@pytest.mark.parametrize("apart_m", [1.0, 2.5])
-def test_short_waves_that_a_frame_misses_are_in_the_sigmas(apart_m: float) -> None:
-    result, waves = smoothed(apart_m)
+@pytest.mark.parametrize(("apart_m", "force_white"), [(1.0, _ACCEL_WHITE), (2.5, _ACCEL_WHITE), (2.5, 0.02)])
+def test_short_waves_that_a_frame_misses_are_in_the_sigmas(apart_m: float, force_white: float) -> None:
+    """The last one has more noise in its force than motion of the track: that of the gyro alone looks like axles."""
+    result, waves = smoothed(apart_m, force_white)
     verdicts = {verdict.quantity: verdict for verdict in result.summary.verdicts}
     assert verdicts["twist"].status == "widened"
     (reason,) = [reason for reason in verdicts["twist"].reasons if "axles" in reason]
@@ -93,13 +100,49 @@ def test_one_axle_misses_nothing() -> None:
     assert not any("axles" in reason for reason in reasons)
 
 
-@pytest.mark.parametrize(("apart_m", "named"), [(0.0, set()), (2.5, {"twist", "level"})])
-def test_a_stream_says_so(apart_m: float, named: set[str]) -> None:
-    recording, _ = ride(apart_m)
+@pytest.mark.parametrize("force_white", [_ACCEL_WHITE, 0.02])
+def test_noise_of_the_force_is_no_motion_of_its_own(force_white: float) -> None:
+    result, _ = smoothed(0.0, force_white)
+    assert not any("force upwards" in reason for verdict in result.summary.verdicts for reason in verdict.reasons)
+
+
+def test_a_body_that_moves_otherwise_than_the_track_has_no_geometry_to_trust() -> None:
+    """A coach: on waves of 17 m its middle rises where it does not on an axle, and it points along a chord of 0."""
+    result, _ = smoothed(17.0)
+    verdicts = {verdict.quantity: verdict for verdict in result.summary.verdicts}
+    for quantity in OF_TRACK:
+        assert verdicts[quantity].status == "not_trusted"
+        assert any("force upwards" in reason for reason in verdicts[quantity].reasons)
+    assert verdicts["chainage"].status != "not_trusted"
+
+
+def test_sigmas_in_holes_do_not_hide_what_is_missing() -> None:
+    place = np.arange(0.0, 500.0, 0.25)
+    columns = ["cross_level_mm", "twist_mm", "versine_level_mm", "versine_alignment_mm", "curvature_1pm"]
+    geometry = pd.DataFrame({"chainage_m": place, **{name: np.sin(place) for name in columns}})
+    geometry[[f"{name}_sd" for name in columns]] = 0.1
+    holed = geometry.copy()
+    holed.loc[holed["chainage_m"] < 50.0, [f"{name}_sd" for name in columns]] = 100.0
+    whole, with_hole = (next(Bends.of(table, 0.25).doubts(Axles(2.5))).factor for table in (geometry, holed))
+    assert with_hole == pytest.approx(np.sqrt(0.9) * whole, rel=0.01)
+
+
+def streamed(recording: Recording) -> list[str]:
     source = RecordingSource(recording, batch_s=5.0)
     intake, smoother = Intake.of(source), FixedLagSmoother(recording.description, lag_s=10.0)
     pieces = [smoother.put(intake.push(batch)[0]) for batch in source]
     pieces += [smoother.put(intake.finish()[0]), smoother.finish()]
-    details = [event.detail for piece in pieces for event in piece.events if event.kind == DOUBT]
+    return [event.detail for piece in pieces for event in piece.events if event.kind == DOUBT]
+
+
+@pytest.mark.parametrize(("apart_m", "named"), [(0.0, set()), (2.5, {"twist", "level"})])
+def test_a_stream_says_so(apart_m: float, named: set[str]) -> None:
+    recording, _ = ride(apart_m)
+    details = streamed(recording)
     assert {detail.partition(":")[0] for detail in details if "axles" in detail} >= named
     assert named or not any("axles" in detail for detail in details)
+
+
+def test_a_stream_says_that_its_sensor_does_not_follow_the_track() -> None:
+    details = streamed(ride(17.0)[0])
+    assert any(detail.startswith(f"{', '.join(OF_TRACK)}: of the force upwards") for detail in details)
