@@ -146,23 +146,24 @@ void transpose(const double *A, std::ptrdiff_t rows, std::ptrdiff_t columns, dou
 
 }  // namespace
 
-// back_substitute(R, S, beyond, ahead, (nav_start, nav_dim), shared, x): from x (n, K, m), right-hand sides, to the
-// solution of R_k x_k + S_k y_k = x_k, where s is `shared` (s, m).
+// back_substitute(R, S, beyond, ahead, (nav_start, nav_dim), before, parents, x): from x (n, K, m), right-hand sides, to
+// the solution of R_k x_k + S_k y_k = x_k. The first rows of parents (widest y, m) are y_{n-1}; they take y_{-1}, of which
+// the keyframe before the first has `before` navigation states ahead.
 PyObject *back_substitute(PyObject *, PyObject *arguments) {
-    PyObject *R, *S, *beyond, *ahead, *py_shared, *py_x;
-    Py_ssize_t nav_start, nav;
-    if (!PyArg_ParseTuple(arguments, "OOOO(nn)OO", &R, &S, &beyond, &ahead, &nav_start, &nav, &py_shared, &py_x))
+    PyObject *R, *S, *beyond, *ahead, *py_parents, *py_x;
+    Py_ssize_t nav_start, nav, before;
+    if (!PyArg_ParseTuple(arguments, "OOOO(nn)nOO", &R, &S, &beyond, &ahead, &nav_start, &nav, &before, &py_parents, &py_x))
         return nullptr;
-    Conditionals own(R, S, beyond, ahead, nav_start, nav);
-    const Doubles shared(py_shared, 2), x(py_x, 3, true);
-    if (!own.ok() || !shared.ok() || !x.ok()) return nullptr;
+    Conditionals own(R, S, beyond, ahead, nav_start, nav, before);
+    const Doubles given(py_parents, 2, true), x(py_x, 3, true);
+    if (!own.ok() || !given.ok() || !x.ok()) return nullptr;
     if (!own.fits()) return refused("conditionals");
     const std::ptrdiff_t K = own.dim(), m = x.size(2);
-    if (x.size(0) != own.n() || x.size(1) != K || shared.size(0) != own.size() - K || shared.size(1) != m)
+    if (x.size(0) != own.n() || x.size(1) != K || given.size(0) != own.widest() || given.size(1) != m)
         return refused("right-hand sides");
     Py_BEGIN_ALLOW_THREADS;
-    std::vector<double> S_k(K * own.widest()), window(own.widest() * m), next(own.widest() * m);
-    std::memcpy(window.data() + K * m, shared.data(), (own.size() - K) * m * sizeof(double));
+    std::vector<double> S_k(K * own.widest()), next(own.widest() * m);
+    std::vector<double> window(given.data(), given.data() + own.widest() * m);
     for (std::ptrdiff_t k = own.n() - 1; k >= 0; --k) {
         double *x_k = x.data() + k * K * m;
         own.minus_S(k, S_k.data());
@@ -173,6 +174,7 @@ PyObject *back_substitute(PyObject *, PyObject *arguments) {
             std::memcpy(next.data() + c * m, window.data() + own.kept(c) * m, m * sizeof(double));
         window.swap(next);
     }
+    std::memcpy(given.data(), window.data(), own.width(-1) * m * sizeof(double));
     Py_END_ALLOW_THREADS;
     Py_RETURN_NONE;
 }

@@ -734,8 +734,8 @@ _STREAMING = (
         (
             _one(
                 "keyframes that are gone do not follow the next one",
-                "root.back_substituted(right[:, :, None], step.shared[:, None])",
-                "right[:, :, None]",
+                "root.back_substituted(d[:, :, None].copy(), behind)",
+                "d[:, :, None].copy(), behind",
             ),
             _one("the first keyframe's bias is not that of its interval", "if len(self) == 1:", "if False:"),
         ),

@@ -35,7 +35,15 @@ def eliminate_pair(
     /,
 ) -> bool: ...
 def back_substitute(
-    R: Array, S: Array, beyond: Array, ahead: np.ndarray, nav: tuple[int, int], shared: Array, x: Array, /
+    R: Array,
+    S: Array,
+    beyond: Array,
+    ahead: np.ndarray,
+    nav: tuple[int, int],
+    before: int,
+    parents: Array,
+    x: Array,
+    /,
 ) -> None: ...
 def triangle(rows: Array, out: Array, /) -> None: ...
 def forward_substitute(

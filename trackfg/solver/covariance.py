@@ -236,20 +236,28 @@ def posterior_samples(root: SquareRoot, count: int, rng: np.random.Generator) ->
     """
     samples = rng.standard_normal((len(root.R), KEYFRAME_DIM, count))
     shared = root.shared_inverse @ rng.standard_normal((root.size - KEYFRAME_DIM, count))
-    return root.back_substituted(samples, shared), shared
+    return root.back_substituted(samples, root.behind(shared))[0], shared
 
 
 @dataclass(frozen=True, repr=False)
 class Functions(Outlined):
     """These are m linear functions of the tangents of keyframes k and k + 1 and of the shared variables.
 
-    ``keyframe`` (m,) ascending; ``by_first``, ``by_second`` (m, KEYFRAME_DIM), ``by_shared`` (m, SHARED_DIM).
+    ``keyframe`` (m,), ascending unless stated otherwise; ``by_first``, ``by_second`` (m, KEYFRAME_DIM), ``by_shared``
+    (m, SHARED_DIM).
     """
 
     keyframe: np.ndarray
     by_first: Array
     by_second: Array
     by_shared: Array
+
+    def add_to(self, columns: Array, begin: int) -> None:
+        """Add the functions' vectors to ``columns`` (n, KEYFRAME_DIM, m), those of keyframes from ``begin`` on."""
+        end = begin + len(columns)
+        for keyframe, part in ((self.keyframe, self.by_first), (self.keyframe + 1, self.by_second)):
+            members = np.flatnonzero((keyframe >= begin) & (keyframe < end))
+            columns[keyframe[members] - begin, :, members] += part[members]
 
 
 def joint_covariance(root: SquareRoot, functions: Functions, covariance: Covariance) -> ChainedCovariance:
@@ -357,4 +365,4 @@ def times_covariance(root: SquareRoot, keyframes: Array, shared: Array) -> tuple
     """
     whitened, carried = root.forward_substituted(keyframes.copy())
     of_shared = root.shared_inverse @ (root.shared_inverse.T @ (shared + carried[KEYFRAME_DIM : root.size]))
-    return root.back_substituted(whitened, of_shared), of_shared
+    return root.back_substituted(whitened, root.behind(of_shared))[0], of_shared

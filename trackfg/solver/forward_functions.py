@@ -33,9 +33,7 @@ def estimated(factors: Sequence[LinearFactors], keyframes: int, functions: Funct
         end = begin + len(block.R)
         columns = np.searchsorted(at, end)
         right = np.zeros((len(block.R), KEYFRAME_DIM, columns))
-        for keyframe, part in ((at, functions.by_first), (at + 1, functions.by_second)):
-            members = np.flatnonzero((keyframe >= begin) & (keyframe < end))
-            right[keyframe[members] - begin, :, members] += part[members]
+        functions.add_to(right, begin)
         window = np.zeros((block.parents(-1), columns))
         window[: len(carried), : carried.shape[1]] = carried
         y, carried = block.forward_substituted(right, window)

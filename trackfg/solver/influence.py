@@ -14,17 +14,17 @@ levels are wrong, and over long blocks where errors last.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from trackfg.factors.factor_type import FactorType
-from trackfg.factors.linear import LinearFactors, Slot, first_keyframe
+from trackfg.factors.linear import LinearFactors, Slot, first_keyframe, last_keyframe
 from trackfg.factors.states import KEYFRAME_DIM, Kind, offset_in_keyframe
-from trackfg.solver.covariance import times_covariance
+from trackfg.solver.covariance import Functions, times_covariance
 
 if TYPE_CHECKING:
     from trackfg.graph.build import Problem
@@ -77,12 +77,31 @@ class Columns(NamedTuple):
 
 @dataclass(frozen=True)
 class GroupRows:
-    """Linear factors of a group, with residuals of errors drawn from the model (f, r, draws)."""
+    """Linear factors of a group, with residuals of errors drawn from the model (f, r, draws).
+
+    ``keyframe`` (f,): where each begins, the first one for those of shared variables alone.
+    """
 
     group: str
     linear: LinearFactors
+    keyframe: np.ndarray
     drawn: Array
     has_one_level: bool = False
+
+    @property
+    def reach(self) -> int:
+        """How many keyframes ahead the factors reach."""
+        return int(np.max(last_keyframe(self.linear.slots, len(self.keyframe)) - self.keyframe, initial=0))
+
+    def between(self, begin: int, end: int) -> GroupRows:
+        """Return the factors of keyframes from ``begin`` to before ``end``, which count from ``begin`` on in them."""
+        inside = np.flatnonzero((self.keyframe >= begin) & (self.keyframe < end))
+        run = slice(int(inside[0]), int(inside[-1]) + 1) if len(inside) else slice(0, 0)
+        some = run if run.stop - run.start == len(inside) else inside  # slices take no copies
+        slots, rows = self.linear
+        moved = [replace(slot, index=slot.index[some] - (0 if slot.kind.shared else begin)) for slot in slots]
+        linear = LinearFactors(tuple(moved), rows[some])
+        return replace(self, linear=linear, keyframe=self.keyframe[some], drawn=self.drawn[some])
 
 
 class Misfit(NamedTuple):
@@ -124,32 +143,91 @@ def all_rows(problem: Problem, solution: Solution, rng: np.random.Generator) -> 
         _add_transposed(score, linear, errors)
     moved = Columns(*times_covariance(solution.root, *score))
     return [
-        GroupRows(group, linear, errors - _applied(linear, moved), group in _PRIORS.values())
+        GroupRows(group, linear, _begins(linear), errors - _applied(linear, moved), group in _PRIORS.values())
         for (group, linear), errors in zip(parts, drawn, strict=True)
         if group
     ]
 
 
-def gains(root: SquareRoot, functions: Columns) -> Columns:
-    """Return ``P c / sqrt(c' P c)`` of each of m functions c of the states."""
-    gain = Columns(*times_covariance(root, *functions))
-    variance = np.einsum("nkm,nkm->m", functions.keyframes, gain.keyframes) + np.sum(functions.shared * gain.shared, 0)
-    for part in gain:
-        part /= np.sqrt(variance)
-    return gain
+def _begins(linear: LinearFactors) -> np.ndarray:
+    begins: np.ndarray = np.maximum(first_keyframe(linear.slots, len(linear.rows)), 0)
+    return begins
+
+
+class GainPart(NamedTuple):
+    """Gains at the keyframes that those factors touch which begin from keyframe ``begin`` to before ``end``.
+
+    ``columns`` has the keyframes from ``begin`` on, with those beyond ``end`` that the factors reach.
+    """
+
+    begin: int
+    end: int
+    columns: Columns
+
+
+def gains(root: SquareRoot, functions: Functions, ends: Sequence[int], reach: int) -> Iterator[GainPart]:
+    """Yield ``P c / sqrt(c' P c)`` of each of m functions c of the states, in parts of the chain, the last one first.
+
+    ``ends``: before which keyframe each part ends, ascending; ``reach``: how many keyframes factors reach ahead. R' and
+    R are solved as in :func:`~trackfg.solver.covariance.times_covariance`. Solved forwards, each part but the last is
+    forgotten, and solved again from what is carried into it: the columns of a day would be 1.3 GB.
+    """
+    parts = [_Part(root, functions, begin, end, reach) for begin, end in pairwise([0, *ends])]
+    into: list[Array | None] = [None]
+    variance = np.zeros(len(functions.keyframe))
+    for part in parts:
+        y, out = part.whitened(into[-1])
+        variance += np.einsum("nkm,nkm->m", y[: part.length], y[: part.length])
+        into.append(out)
+    carried = into.pop()
+    assert carried is not None
+    of_shared = root.shared_inverse.T @ (functions.by_shared.T + carried[KEYFRAME_DIM : root.size])
+    sd = np.sqrt(variance + np.sum(of_shared**2, axis=0))
+    of_shared = root.shared_inverse @ of_shared
+    behind, later = root.behind(of_shared), y[:0]
+    for part, carried in zip(reversed(parts), reversed(into), strict=True):
+        columns = y if part is parts[-1] else part.whitened(carried)[0]
+        _, behind = part.root.back_substituted(columns[: part.length], behind)
+        columns[part.length :] = later[: len(columns) - part.length]
+        later = columns[:reach].copy()
+        columns /= sd
+        yield GainPart(part.begin, part.begin + part.length, Columns(columns, of_shared / sd))
+
+
+class _Part:
+    """Some keyframes of a chain, and functions of all; columns have rows for those that factors reach beyond, too."""
+
+    def __init__(self, root: SquareRoot, functions: Functions, begin: int, end: int, reach: int) -> None:
+        self.root, self._functions, self.begin, self.length = root.part(begin, end), functions, begin, end - begin
+        self._rows = min(end + reach, len(root.R)) - begin
+
+    def whitened(self, carried: Array | None) -> tuple[Array, Array]:
+        """Return the solution of the transposed system, and what it adds to that of later keyframes, (p, m).
+
+        ``carried`` (p, m) is what earlier ones add.
+        """
+        columns = np.zeros((self._rows, KEYFRAME_DIM, len(self._functions.keyframe)))
+        self._functions.add_to(columns[: self.length], self.begin)
+        _, out = self.root.forward_substituted(columns[: self.length], carried)
+        return columns, out
 
 
 def misfits(
-    rows: Sequence[GroupRows], gain: Columns, blocks: Sequence[np.ndarray], kinds: int = 1
+    rows: Sequence[GroupRows], gain: Iterable[GainPart], blocks: Sequence[np.ndarray], kinds: int = 1
 ) -> list[list[Misfit]]:
     """Return the misfit of each group in m functions of the states, given by their :func:`gains`.
 
-    ``blocks``: divisions into blocks of time, each the block of every keyframe (n,), ascending. ``kinds``: of how many
-    kinds the functions are, as many of each, in a row; each kind has a list of misfits.
+    ``blocks``: divisions into blocks of time, each the block of every keyframe (n,), ascending; no part of the gains
+    ends within one. ``kinds``: of how many kinds the functions are, as many of each, in a row; each kind has a list of
+    misfits.
     """
+    totals: list[_Sums] = []
+    for part in gain:
+        sums = [_sums(one.between(part.begin, part.end), part.columns, blocks) for one in rows]
+        totals = [total + more for total, more in zip(totals, sums, strict=True)] if totals else sums
     parts: dict[str, list[list[Misfit]]] = {}
-    for group_rows in rows:
-        parts.setdefault(group_rows.group, []).append(_misfits(group_rows, gain, blocks, kinds))
+    for group_rows, total in zip(rows, totals, strict=True):
+        parts.setdefault(group_rows.group, []).append(_misfits(group_rows, total, kinds))
     merged = [[_joined(same) for same in zip(*of_group, strict=True)] for of_group in parts.values()]
     return [list(of_kind) for of_kind in zip(*merged, strict=True)]
 
@@ -159,18 +237,39 @@ def _joined(same: Sequence[Misfit]) -> Misfit:
     return Misfit(same[0].group, *(sum(column) for column in list(zip(*same, strict=True))[1:]))
 
 
-def _misfits(rows: GroupRows, gain: Columns, blocks: Sequence[np.ndarray], kinds: int) -> list[Misfit]:
+@dataclass(frozen=True)
+class _Sums:
+    """Sums over factors for m functions: ``share`` (m,) of w^2, ``squares`` (b, m, 1 + draws) of the squared sums over
+    blocks of w e, seen and drawn.
+    """
+
+    share: Array
+    squares: Array
+
+    def __add__(self, other: _Sums) -> _Sums:
+        return _Sums(self.share + other.share, self.squares + other.squares)
+
+
+def _sums(rows: GroupRows, gain: Columns, blocks: Sequence[np.ndarray]) -> _Sums:
     w = _applied(rows.linear, gain)
-    share = np.einsum("frm,frm->m", w, w).reshape(kinds, -1).mean(axis=1)
+    share = np.einsum("frm,frm->m", w, w)
     if rows.has_one_level:
-        squares, of_drawn = np.sum(rows.linear.b**2), np.sum(rows.drawn**2, axis=(0, 1))
-        observed, drawn = np.full(len(blocks), squares), np.tile(of_drawn, (len(blocks), 1))
-        return [Misfit(rows.group, float(one), observed, drawn) for one in share]
+        return _Sums(share, np.zeros(len(blocks)))
     errors = np.concatenate([rows.linear.b[:, :, None], rows.drawn], axis=2)
-    keyframe = np.maximum(first_keyframe(rows.linear.slots, len(w)), 0)
-    edges = [np.flatnonzero(np.diff(block[keyframe], prepend=-1)) for block in blocks]
-    sums = np.array([_squares(w, errors, edge) for edge in edges])
-    of_kind = sums.reshape(len(blocks), kinds, -1, errors.shape[2]).sum(axis=2)
+    edges = [np.flatnonzero(np.diff(block[rows.keyframe], prepend=-1)) for block in blocks]
+    return _Sums(share, np.array([_squares(w, errors, edge) for edge in edges]))
+
+
+def _misfits(rows: GroupRows, sums: _Sums, kinds: int) -> list[Misfit]:
+    share = sums.share.reshape(kinds, -1).mean(axis=1)
+    if rows.has_one_level:
+        squares, drawn = np.sum(rows.linear.b**2), np.sum(rows.drawn**2, axis=(0, 1))
+        divisions = len(sums.squares)
+        return [
+            Misfit(rows.group, float(one), np.full(divisions, squares), np.tile(drawn, (divisions, 1))) for one in share
+        ]
+    divisions, _, count = sums.squares.shape
+    of_kind = sums.squares.reshape(divisions, kinds, -1, count).sum(axis=2)
     return [Misfit(rows.group, float(share[i]), of_kind[:, i, 0], of_kind[:, i, 1:]) for i in range(kinds)]
 
 

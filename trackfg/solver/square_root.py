@@ -69,6 +69,19 @@ class SquareRoot(Outlined):
             self, R=self.R[-keyframes:], S=self.S[-keyframes:], d=self.d[-keyframes:], ahead=self.ahead[-keyframes:]
         )
 
+    def part(self, begin: int, end: int) -> SquareRoot:
+        """Return the conditionals of keyframes from ``begin`` to before ``end``, on those after them."""
+        some, rows = slice(begin, end), slice(self._begins[begin], self._begins[end])
+        return replace(
+            self,
+            R=self.R[some],
+            S=self.S[some],
+            d=self.d[some],
+            ahead=self.ahead[some],
+            beyond=self.beyond[rows],
+            before=self._reach[begin - 1] if begin else self.before,
+        )
+
     @cached_property
     def inverse(self) -> Array:
         """R^-1, in the shape of R."""
@@ -121,24 +134,32 @@ class SquareRoot(Outlined):
         R, S, beyond = map(kernel_argument, (self.R, self.S, self.beyond))
         return R, S, beyond, np.asarray(self.ahead, dtype=np.int64), (NAV.start, NAV_DIM)
 
-    def back_substituted(self, right: Array, shared: Array) -> Array:
-        """Return x of ``R_k x_k + S_k y_k = right_k``, over ``right`` (n, K, m), where s is ``shared`` (s, m)."""
+    def behind(self, shared: Array) -> Array:
+        """Return y_{n-1} where the chain ends, (p, m): nothing but ``shared`` (s, m)."""
+        whole = np.zeros((self.parents(len(self.R) - 1), shared.shape[1]))
+        whole[KEYFRAME_DIM : self.size] = shared
+        return whole
+
+    def back_substituted(self, right: Array, behind: Array) -> tuple[Array, Array]:
+        """Return x of ``R_k x_k + S_k y_k = right_k``, over ``right`` (n, K, m), and y_{-1} (p, m).
+
+        ``behind`` (p, m) is y_{n-1}.
+        """
         x = kernel_argument(right)
         if compiled_kernels():
             from trackfg.numerics import compiled
 
-            compiled.back_substitute(*self.conditionals(), kernel_argument(shared), x)
-            return x
-        n = len(x)
-        window = np.zeros((self.parents(n - 1), x.shape[2]))
-        window[KEYFRAME_DIM : self.size] = shared
-        for k in range(n - 1, -1, -1):
+            window = self._room_for(behind)
+            compiled.back_substitute(*self.conditionals(), self.before, window, x)
+            return x, window[: self.parents(-1)]
+        window = behind.copy()
+        for k in range(len(x) - 1, -1, -1):
             x[k] = self.inverse[k] @ (x[k] - self.on_parents(k) @ window)
             if len(window) == self.parents(k - 1) == self.size:
                 window[:KEYFRAME_DIM] = x[k]
             else:
                 window = np.concatenate([x[k], window[self.kept(k)]])
-        return x
+        return x, window
 
     def forward_substituted(self, right: Array, carried: Array | None = None) -> tuple[Array, Array]:
         """Return y of the transposed system, over its right-hand sides ``right`` (n, K, m), and what these add to
@@ -151,8 +172,7 @@ class SquareRoot(Outlined):
         if compiled_kernels():
             from trackfg.numerics import compiled
 
-            window = np.empty((self.size + NAV_DIM * max(self.before, *self._reach), columns))
-            window[: len(carried)] = carried
+            window = self._room_for(carried)
             compiled.forward_substitute(*self.conditionals(), self.before, window, y)
             return y, window[: self.parents(len(y) - 1)]
         taken = -carried
@@ -163,10 +183,17 @@ class SquareRoot(Outlined):
             taken = ahead
         return y, -taken
 
+    def _room_for(self, parents: Array) -> Array:
+        """Return the values of one y_k (p, m) as the first rows of an array for the widest."""
+        window = np.empty((self.size + NAV_DIM * max(self.before, *self._reach), parents.shape[1]))
+        window[: len(parents)] = parents
+        return window
+
     def solution(self) -> Step:
         """Return the least-squares solution, backwards from the last keyframe."""
         shared = self.shared_inverse @ self.d_shared
-        return Step(self.back_substituted(self.d[:, :, None].copy(), shared[:, None])[:, :, 0], shared)
+        keyframes, _ = self.back_substituted(self.d[:, :, None].copy(), self.behind(shared[:, None]))
+        return Step(keyframes[:, :, 0], shared)
 
     @cached_property
     def length(self) -> float:

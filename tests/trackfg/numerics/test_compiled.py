@@ -161,7 +161,7 @@ _CONDITIONALS = (  # two keyframes of two columns with two shared variables, and
 R, p, v, bias = _states(2)
 _CALLS = (
     Call(compiled.eliminate, _ELIMINATED),
-    Call(compiled.back_substitute, (*_CONDITIONALS, np.ones((2, 3)), np.ones((2, 2, 3)))),
+    Call(compiled.back_substitute, (*_CONDITIONALS, 0, np.ones((5, 3)), np.ones((2, 2, 3)))),
     Call(compiled.forward_substitute, (*_CONDITIONALS, 0, np.ones((5, 3)), np.ones((2, 2, 3)))),
     Call(
         compiled.covariances,

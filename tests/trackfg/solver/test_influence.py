@@ -14,13 +14,23 @@ from trackfg.factors.imu import linearize_imu_factors
 from trackfg.factors.states import KEYFRAME_DIM
 from trackfg.graph.build import build_problem
 from trackfg.numerics.arrays import Array
+from trackfg.sensors.displacement import rail_views
+from trackfg.smoothing.rail_ties import with_rail_factors
+from trackfg.solver.covariance import Functions
 from trackfg.solver.elimination import eliminate
 from trackfg.solver.gauss_newton import solve
-from trackfg.solver.influence import Columns, Misfit, all_rows, gains, misfits
+from trackfg.solver.influence import Misfit, all_rows, gains, misfits
 
 Linearized = Callable[..., tuple[Array, Array]]
 LENGTH = 7
 """Keyframes in a block."""
+
+
+def of_first_state(keyframe: np.ndarray, shared: int) -> Functions:
+    """Return the first state of some keyframes (m,) as functions."""
+    by_first = np.zeros((len(keyframe), KEYFRAME_DIM))
+    by_first[:, 0] = 1.0
+    return Functions(keyframe, by_first, np.zeros_like(by_first), np.zeros((len(keyframe), shared)))
 
 
 class Dense:
@@ -37,14 +47,15 @@ class Dense:
         self.A, self.r = linearized(problem, solution.states)
         self.P = np.linalg.inv(self.A.T @ self.A)
         self.gyro = (9 * np.arange(n - 1)[:, None] + np.arange(3)).ravel()
-        columns = Columns(np.zeros((n, KEYFRAME_DIM, 2)), np.zeros((solution.root.size - KEYFRAME_DIM, 2)))
-        columns.keyframes[[n // 2, n - 2], 0, [0, 1]] = 1.0
-        stacked = np.concatenate([columns.keyframes.reshape(-1, 2), columns.shared])
+        functions = of_first_state(np.array([n // 2, n - 2]), solution.root.size - KEYFRAME_DIM)
+        columns = np.zeros((n, KEYFRAME_DIM, 2))
+        functions.add_to(columns, 0)
+        stacked = np.concatenate([columns.reshape(-1, 2), functions.by_shared.T])
         gain = self.P @ stacked
         self.w = self.A @ gain / np.sqrt(np.sum(stacked * gain, axis=0))
         block = np.arange(n) // LENGTH
         rows = all_rows(problem, solution, np.random.default_rng(0))
-        (found,) = misfits(rows, gains(solution.root, columns), [np.arange(n), block])
+        (found,) = misfits(rows, gains(solution.root, functions, [n], 1), [np.arange(n), block])
         self.found = {one.group: one for one in found}
 
     def in_blocks(self, rows: Array, per_factor: int, keyframes: int) -> np.ndarray:
@@ -83,6 +94,30 @@ def test_drawn_errors_have_the_mean_that_the_model_expects(dense: Dense) -> None
     expected = np.einsum("im,ij,jm->", dense.w[rows], redundancy * same, dense.w[rows])
     drawn = dense.found["gyro"].drawn[1]
     assert abs(drawn.mean() - expected) < 4.0 * drawn.std() / np.sqrt(len(drawn))
+
+
+@pytest.mark.usefixtures("kernels")
+@pytest.mark.parametrize("scenario", ["mainline", "measuring-car"])
+def test_parts_of_a_run_give_the_misfits_of_the_whole(scenario: str, simulated: Callable[..., Simulation]) -> None:
+    """With lasers, conditionals reach over some parts."""
+    recording, config = simulated(scenario, seed=2, duration_s=60.0).recording, SmoothConfig()
+    problem = build_problem(recording, config)
+    if views := rail_views(recording):
+        problem = with_rail_factors(problem, problem.initial, views, config.laser)
+    solution, n = solve(problem, config.solver), len(problem.t)
+    functions = of_first_state(np.array([n // 4, n // 2, n - 2]), solution.root.size - KEYFRAME_DIM)
+    functions.by_second[0, 3] = functions.by_shared[1, 2] = -1.0
+    rows, block = all_rows(problem, solution, np.random.default_rng(0)), np.arange(n) // 5
+    assert solution.root.ahead.any() == (scenario == "measuring-car")
+    (whole,), (parts,) = (
+        misfits(rows, gains(solution.root, functions, ends, 1), [np.arange(n), block])
+        for ends in ([n], [*range(5, n, 5), n])
+    )
+    for one, other in zip(whole, parts, strict=True):
+        assert one.group == other.group
+        assert one.share == pytest.approx(other.share, rel=1e-7)
+        np.testing.assert_allclose(one.seen, other.seen, rtol=1e-7)
+        np.testing.assert_allclose(one.drawn, other.drawn, rtol=1e-7)
 
 
 def test_ratio_and_degrees_of_freedom() -> None:

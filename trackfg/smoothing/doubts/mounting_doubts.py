@@ -25,7 +25,7 @@ from trackfg.results.verdict import Doubt
 from trackfg.smoothing.doubts.residual_doubts import blocks_of_time, causes_of, widening
 from trackfg.smoothing.reassessment import SolvedRun
 from trackfg.solver.covariance import times_covariance
-from trackfg.solver.influence import Columns, all_rows, misfits
+from trackfg.solver.influence import Columns, GainPart, all_rows, misfits
 
 _PRIOR = "mounting prior"
 """Its residuals are what is asked about."""
@@ -60,7 +60,7 @@ def lasting_pull(run: SolvedRun, far: list[int]) -> Array:
         if one.group != _PRIOR
     ]
     gain = Columns(*(part / np.sqrt(np.diagonal(moved.shared[index])) for part in moved))
-    of_columns = misfits(rows, gain, blocks_of_time(problem.t), len(far))
+    of_columns = misfits(rows, [GainPart(0, n, gain)], blocks_of_time(problem.t), len(far))
     return np.array([widening(causes_of(of_column, {})) for of_column in of_columns])
 
 

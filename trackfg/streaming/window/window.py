@@ -27,7 +27,7 @@ from trackfg.factors.imu import InertialFactors, Preintegration
 from trackfg.factors.linear import LinearFactors
 from trackfg.factors.loss import SwitchChain
 from trackfg.factors.marginal_prior import marginal_prior, rebased_to_interval_bias, retract_in_chart, step_from
-from trackfg.factors.states import KEYFRAME_DIM, Nav, Odo, States, Step
+from trackfg.factors.states import Nav, Odo, States, Step
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.kernels import compiled_kernels, kernel_argument
 from trackfg.solver.elimination import Conditionals, eliminate_with_marginals
@@ -260,11 +260,10 @@ class MarginalisedKeyframes(NamedTuple):
         if not np.diagonal(R, axis1=1, axis2=2).all():
             return None
         step = step_from(self.linearisation_point.take(slice(n, None)), next_state.take(slice(0, 1)))
-        right = d.copy()
-        right[-1] -= S[-1, :, :KEYFRAME_DIM] @ step.keyframes[0]
+        behind = np.concatenate([step.keyframes[0], step.shared])[:, None]
         root = SquareRoot(R, S, d, np.eye(len(step.shared)), step.shared, np.zeros(n, dtype=np.int64))
-        keyframes = root.back_substituted(right[:, :, None], step.shared[:, None])[:, :, 0]
-        return retract_in_chart(self.linearisation_point.take(slice(0, n)), Step(keyframes, step.shared))
+        keyframes, _ = root.back_substituted(d[:, :, None].copy(), behind)
+        return retract_in_chart(self.linearisation_point.take(slice(0, n)), Step(keyframes[:, :, 0], step.shared))
 
 
 def _run_of(mask: np.ndarray) -> slice | np.ndarray:
