@@ -73,7 +73,7 @@ class LinearFactors(NamedTuple):
         ends = np.cumsum([slot.kind.dim for slot in self.slots])
         return np.split(self.jacobian, ends[:-1], axis=2)
 
-    def take(self, index: np.ndarray) -> LinearFactors:
+    def take(self, index: np.ndarray | slice) -> LinearFactors:
         """Return some of the factors."""
         return LinearFactors(tuple(Slot(slot.kind, slot.index[index]) for slot in self.slots), self.rows[index])
 

@@ -16,6 +16,7 @@ m with at most 3 % of their amplitude (0.2 % above 0.25 m). With samples 0.1 m a
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -38,6 +39,8 @@ _ATTENUATION_DB = 60.0
 """Attenuation of the low-pass in its stop band, dB: an amplitude of 0.1 % is left."""
 _CHUNK = 2_000
 """Steps evaluated at a time: their cells stay in the cache."""
+_MAX_HOLE_M = 1.0
+"""Samples further apart leave a hole."""
 _BEYOND = 64
 """Nodes to either side of a chunk that its spline runs through: what is beyond a node has at most half the influence
 that it has there (de Boor, *A Practical Guide to Splines* (1978), ch. XIII), 2^-64 in all, which is below rounding.
@@ -45,7 +48,7 @@ that it has there (de Boor, *A Practical Guide to Splines* (1978), ch. XIII), 2^
 
 
 def resample(
-    chainage_m: ArrayLike, values: ArrayLike, step_m: float = 0.25, *, max_hole_m: float = 1.0
+    chainage_m: ArrayLike, values: ArrayLike, step_m: float = 0.25, *, max_hole_m: float = _MAX_HOLE_M
 ) -> tuple[Array, Array]:
     """Return whole multiples of ``step_m`` (m,) and values (..., m) there, from values (..., n) at places in any order.
 
@@ -53,9 +56,30 @@ def resample(
     ``max_hole_m`` apart. A sample that is NaN in any row is left out. Raises ``BadInputError`` for fewer than four
     samples that are apart, a place that is not finite, or shapes that do not fit.
     """
+    place, value = _checked(chainage_m, values)
+    return _resampled(place, lambda rows: value[..., rows], value.shape[:-1], step_m, max_hole_m)
+
+
+def resample_computed(
+    chainage_m: Array, values: Callable[[np.ndarray | slice], Array], count: int, step_m: float
+) -> tuple[Array, Array]:
+    """Return the same as :func:`resample` of values that are computed as they are needed, so that they take no memory.
+
+    ``values`` returns ``count`` finite ones (count, k) of k samples.
+    """
+    place = _finite(chainage_m)
+    if not np.any(place[1:] < place[:-1]):
+        return _resampled(place, values, (count,), step_m, _MAX_HOLE_M)
+    order = np.argsort(place, kind="stable")
+    return _resampled(place[order], lambda rows: values(order[rows]), (count,), step_m, _MAX_HOLE_M)
+
+
+def _resampled(
+    place: Array, values: Callable[[slice], Array], shape: tuple[int, ...], step_m: float, max_hole_m: float
+) -> tuple[Array, Array]:
+    """Do as :func:`resample` with samples at ascending places, whose values (*shape, k) a function returns."""
     if not 0.0 < step_m < np.inf:
         raise BadInputError(f"step_m is {step_m!r}; expected a length above 0")
-    place, value = _checked(chainage_m, values)
     cell = step_m / _CELLS
     nodes = _Nodes.of(place, cell)
     node = nodes.place
@@ -66,7 +90,7 @@ def resample(
     reach = len(taps) // 2
     first, last = int(np.ceil(node[0] / step_m)), int(np.floor(node[-1] / step_m))
     grid: Array = step_m * np.arange(first, last + 1, dtype=np.float64)
-    out = np.full((*value.shape[:-1], len(grid)), np.nan)
+    out = np.full((*shape, len(grid)), np.nan)
     if len(grid) == 0:
         return grid, out
     for begin in range(0, len(grid), _CHUNK):
@@ -76,11 +100,11 @@ def resample(
         low, high = np.searchsorted(node, np.clip([start * cell, end * cell], node[0], node[-1])).tolist()
         near = slice(max(low - _BEYOND, 0), high + _BEYOND)
         if compiled_kernels():
-            part[...] = nodes.resampled(value, near, start, cell, taps, part.shape[-1])
+            part[...] = nodes.resampled(values, near, start, cell, taps, part.shape[-1])
             continue
         # What stands beyond the ends is not used: see `known`.
         fine = np.clip(np.arange(start, end + 1) * cell, node[0], node[-1])
-        at_nodes = nodes.values(value, near)
+        at_nodes = nodes.values(values, near)
         cells = hermite_at(fine, node[near], at_nodes, spline_velocities(node[near], at_nodes))
         part[...] = _decimate(cells, taps)
     reach_m = reach * cell
@@ -105,8 +129,7 @@ def _checked(chainage_m: ArrayLike, values: ArrayLike) -> tuple[Array, Array]:
     place, value = np.asarray(chainage_m, dtype=np.float64), np.asarray(values, dtype=np.float64)
     if place.ndim != 1 or value.shape[-1:] != place.shape:
         raise BadInputError(f"{value.shape} values at {place.shape} places; expected one column of values per place")
-    if not np.isfinite(place).all():
-        raise BadInputError(f"chainage of sample {int(np.argmin(np.isfinite(place))) + 1} is not finite")
+    place = _finite(place)
     whole = np.isfinite(value).all(axis=tuple(range(value.ndim - 1)))
     if not whole.all():
         place, value = place[whole], value[..., whole]
@@ -114,6 +137,12 @@ def _checked(chainage_m: ArrayLike, values: ArrayLike) -> tuple[Array, Array]:
         order = np.argsort(place, kind="stable")
         place, value = place[order], value[..., order]
     return place, value
+
+
+def _finite(place: Array) -> Array:
+    if not np.isfinite(place).all():
+        raise BadInputError(f"chainage of sample {int(np.argmin(np.isfinite(place))) + 1} is not finite")
+    return place
 
 
 @dataclass(frozen=True)
@@ -140,24 +169,28 @@ class _Nodes:
         high = np.where(np.concatenate([adjacent, [False]]), middle + 0.25 * cell, np.inf)
         return cls(edges, mean, np.clip(mean, low, high))
 
-    def resampled(self, samples: Array, some: slice, start: int, cell: float, taps: Array, steps: int) -> Array:
-        """Return the spline through some of the nodes, four or more, by those of all samples (..., m), at cells from
-        number ``start`` on, low-passed, at every step (..., steps), in ``kernels/resampling.cpp``.
+    def resampled(
+        self, samples: Callable[[slice], Array], some: slice, start: int, cell: float, taps: Array, steps: int
+    ) -> Array:
+        """Return the spline through some of the nodes, four or more, at cells from number ``start`` on, low-passed, at
+        every step (..., steps), in ``kernels/resampling.cpp``. ``samples`` returns values of some samples (..., k).
         """
         from trackfg.numerics import compiled
 
         mean, place = self.mean[some], self.place[some]
         edges = self.edges[some.start : some.start + len(mean) + 1]
-        near, out = samples[..., edges[0] : edges[-1]], np.empty((*samples.shape[:-1], steps))
+        near = samples(slice(int(edges[0]), int(edges[-1])))
+        out = np.empty((*near.shape[:-1], steps))
         rows, written = kernel_argument(near).reshape(-1, near.shape[-1]), out.reshape(-1, steps)
         compiled.resample(edges - edges[0], mean, place, rows, start, cell, _CELLS, taps, written)
         return out
 
-    def values(self, samples: Array, some: slice) -> Array:
-        """Return values at some of the nodes, three or more, from those of all samples (..., m)."""
+    def values(self, samples: Callable[[slice], Array], some: slice) -> Array:
+        """Return values at some of the nodes, three or more, from those that a function returns of samples (..., k)."""
         mean, place = self.mean[some], self.place[some]
         edges = self.edges[some.start : some.start + len(mean) + 1]
-        value = np.add.reduceat(samples[..., edges[0] : edges[-1]], edges[:-1] - edges[0], axis=-1) / np.diff(edges)
+        near = samples(slice(int(edges[0]), int(edges[-1])))
+        value = np.add.reduceat(near, edges[:-1] - edges[0], axis=-1) / np.diff(edges)
         slope = np.empty_like(value)
         slope[..., 1:-1] = (value[..., 2:] - value[..., :-2]) / (mean[2:] - mean[:-2])
         slope[..., 0], slope[..., -1] = slope[..., 1], slope[..., -2]

@@ -17,7 +17,7 @@ from trackfg.numerics.arrays import Array
 
 def float_table(columns: Mapping[str, Array]) -> pd.DataFrame:
     """Return a table of these columns of equal length, of which each lies in memory in a row."""
-    return pd.DataFrame(np.stack(list(columns.values())).T, columns=_index(tuple(columns)))
+    return pd.DataFrame(np.stack(list(columns.values())).T, columns=_index(tuple(columns)), copy=False)
 
 
 def columns_of(table: pd.DataFrame) -> dict[str, NDArray[Any]]:

@@ -9,7 +9,7 @@ sensor's detail in between.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -59,6 +59,10 @@ class DenseMotion:
     keyframe: np.ndarray
     fraction: Array
     forward: Array
+
+    def without_rates(self) -> DenseMotion:
+        """Return the motion without the body rate, which profiles do not need: a sixth of its memory."""
+        return replace(self, gyro=np.empty((0, 3)), gyro_span=np.empty(0))
 
     def at(self, t: Array) -> DenseMotion:
         """Return the motion at times ``t`` (k,) within the run: constant acceleration and rate between rows."""

@@ -14,8 +14,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from trackfg.factors.motion import mount_matrix, tracking_point
-from trackfg.factors.states import States
-from trackfg.geometry.resampling import FEWEST_SAMPLES, resample
+from trackfg.factors.states import Nav, States
+from trackfg.geometry.resampling import FEWEST_SAMPLES, resample_computed
 from trackfg.graph.run_context import RunContext
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.chainage.passes import Pass, passes
@@ -112,8 +112,22 @@ class Ascent:
         """Return whether the pass is as long as a chord and has rows in as many cells as a spline needs: a clock or a
         tachometer that jumps makes passes of two places far apart.
         """
-        cells = len(np.unique(np.floor(self.x / step_m)))
-        return bool(cells >= FEWEST_SAMPLES and self.x[-1] - self.x[0] >= SHORTEST_PASS_M)
+        return self._has_cells(FEWEST_SAMPLES, step_m) and bool(self.x[-1] - self.x[0] >= SHORTEST_PASS_M)
+
+    def _has_cells(self, count: int, step_m: float) -> bool:
+        """Return whether the rows are in so many cells or more; most passes show it within a few."""
+        cells: set[float] = set()
+        for begin in range(0, len(self.x), _CHUNK):
+            cells.update(np.unique(np.floor(self.x[begin : begin + _CHUNK] / step_m)).tolist())
+            if len(cells) >= count:
+                return True
+        return False
+
+    def rows_of(self, index: np.ndarray | slice) -> np.ndarray | slice:
+        """Return which of the pass's rows are those of ``index`` in order of chainage."""
+        if not self.backwards:
+            return index
+        return len(self.x) - 1 - (np.arange(index.start, index.stop) if isinstance(index, slice) else index)
 
     def sorted(self, values: Array) -> Array:
         """Return values of the pass's rows (m, ...) in order of chainage."""
@@ -162,9 +176,15 @@ def _profile(run: RunContext, motion: DenseMotion, states: States, stretch: Pass
         axle, arm, forward = (matrices_times(R, direction) for direction in (leftward, from_track, ahead))
         return axle, arm, np.abs(np.einsum("mi,mi->m", nav.v[rows], forward))
 
-    heading = np.unwrap(np.arctan2(nav.R[:, 1] @ ahead, nav.R[:, 0] @ ahead))
-    shape = np.vstack([(nav.p - matrices_times(nav.R, from_track)).T, heading, nav.R[:, 2] @ leftward])
-    grid, (east, north, height, heading, tilt) = resample(ascent.x, ascent.sorted(shape.T).T, step_m)
+    heading = _heading(nav, ahead)
+
+    def shape(index: np.ndarray | slice) -> Array:
+        rows = ascent.rows_of(index)
+        R = nav.R[rows]
+        place = nav.p[rows] - matrices_times(R, from_track)
+        return np.vstack([place.T, heading[rows], R[:, 2] @ leftward])
+
+    grid, (east, north, height, heading, tilt) = resample_computed(ascent.x, shape, 5, step_m)
     lateral, left = lateral_of(east, north, step_m)
     (points,), speed = ascent.points(grid, left, seen)
     points = replace(points, body=ascent.on(grid, lambda rows: nav.R[rows].reshape(-1, 9)).reshape(-1, 3, 3))
@@ -175,6 +195,16 @@ def _profile(run: RunContext, motion: DenseMotion, states: States, stretch: Pass
         shapes=Shapes(height, lateral, tilt, heading),
         views=(View(None, points, none, none),),
     )
+
+
+def _heading(nav: Nav, ahead: Array) -> Array:
+    """Return the heading of rows (m,), rad, which does not jump."""
+    heading = np.empty(len(nav))
+    for begin in range(0, len(nav), _CHUNK):
+        R = nav.R[begin : begin + _CHUNK]
+        joined = np.append(heading[max(begin - 1, 0) : begin], np.arctan2(R[:, 1] @ ahead, R[:, 0] @ ahead))
+        heading[begin : begin + len(R)] = np.unwrap(joined)[-len(R) :]
+    return heading
 
 
 def lateral_of(east: Array, north: Array, step_m: float) -> tuple[Array, Array]:

@@ -102,8 +102,10 @@ def reassessed(run: SolvedRun, solver: RunSolver, reassessors: Sequence[Reassess
         for reassessor in reassessors:
             is_changing, judged_before = any(one.changed for one in reassessments), seen.get(reassessor)
             seen[reassessor] = problem
-            to_judge = replace(run, problem=problem, is_changing=is_changing, judged_before=judged_before)
-            reassessments.append(reassessor(to_judge))
+            # A local would keep the solution when it is deleted below.
+            reassessments.append(
+                reassessor(replace(run, problem=problem, is_changing=is_changing, judged_before=judged_before))
+            )
             problem = reassessments[-1].problem
         if not rounds_left or not any(one.changed for one in reassessments):
             break

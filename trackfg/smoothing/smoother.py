@@ -327,6 +327,7 @@ def _with_tables(
         at_clock = motion.at(clock)
         trajectory = trajectory_table(run, at_clock, states, covariance)
         calibration = calibration_table(solved.problem.response, at_clock, states, covariance)
+        motion = motion.without_rates()
     with stages.stage("geometry"):
         passes = []
         if _speed_is_measured(recording):

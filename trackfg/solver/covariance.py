@@ -361,8 +361,9 @@ def covariance_given_next(root: SquareRoot, functions: Functions) -> tuple[Array
 def times_covariance(root: SquareRoot, keyframes: Array, shared: Array) -> tuple[Array, Array]:
     """Return ``P c`` of m columns c: ``keyframes`` (n, KEYFRAME_DIM, m) and ``shared`` (s, m), likewise the result.
 
-    P is the covariance of all variables: ``R'`` is solved forwards, R backwards, along the chain.
+    That of the keyframes is written over them. P is the covariance of all variables: ``R'`` is solved forwards, R
+    backwards, along the chain.
     """
-    whitened, carried = root.forward_substituted(keyframes.copy())
+    whitened, carried = root.forward_substituted(keyframes)
     of_shared = root.shared_inverse @ (root.shared_inverse.T @ (shared + carried[KEYFRAME_DIM : root.size]))
     return root.back_substituted(whitened, root.behind(of_shared))[0], of_shared

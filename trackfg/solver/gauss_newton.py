@@ -164,6 +164,7 @@ def solve(
         root = None  # the next one needs its memory
         linear = [problem.inertial.linearize(states), *(family.linearize(states) for family in families)]
         root = eliminate(linear, keyframes)
+        del linear  # the step needs its memory, and so do the next rows
         length = root.length
         if progress is not None:
             progress(iterations / config.max_iterations)

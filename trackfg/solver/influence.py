@@ -35,6 +35,9 @@ if TYPE_CHECKING:
 _DRAWS = 24
 """Drawn errors: the mean of one square over so many errs by sqrt(2 / 24), 29 %; most are over many blocks, too."""
 
+_FACTORS = 512
+"""Factors whose products with drawn errors are made at a time: of 13 variables and 24 draws 1 MB."""
+
 _AT_A_TIME = 64
 """Factors whose products of gains and errors are made at a time: of 88 functions and 25 errors 1 MB, which stays in the
 processor's cache."""
@@ -139,14 +142,26 @@ def all_rows(problem: Problem, solution: Solution, rng: np.random.Generator) -> 
     drawn = [rng.standard_normal((*linear.b.shape, _DRAWS)) for _, linear in parts]
     n, shared = len(solution.states), solution.root.size - KEYFRAME_DIM
     score = Columns(np.zeros((n, KEYFRAME_DIM, _DRAWS)), np.zeros((shared, _DRAWS)))
-    for (_, linear), errors in zip(parts, drawn, strict=True):
+    of_factors = [
+        (linear.take(some), errors[some])
+        for (_, linear), errors in zip(parts, drawn, strict=True)
+        for some in _in_cache(len(errors))
+    ]
+    for linear, errors in of_factors:
         _add_transposed(score, linear, errors)
     moved = Columns(*times_covariance(solution.root, *score))
+    for linear, errors in of_factors:
+        errors -= _applied(linear, moved)
     return [
-        GroupRows(group, linear, _begins(linear), errors - _applied(linear, moved), group in _PRIORS.values())
+        GroupRows(group, linear, _begins(linear), errors, group in _PRIORS.values())
         for (group, linear), errors in zip(parts, drawn, strict=True)
         if group
     ]
+
+
+def _in_cache(count: int) -> Iterator[slice]:
+    """Yield so many of ``count`` factors at a time that what is computed of them stays in the processor's cache."""
+    yield from (slice(begin, begin + _FACTORS) for begin in range(0, count, _FACTORS))
 
 
 def _begins(linear: LinearFactors) -> np.ndarray:

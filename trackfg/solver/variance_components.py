@@ -90,14 +90,15 @@ def _inertial_residuals(graph: Graph, states: States, covariance: Covariance, us
     if used.size == 0:
         return {}
     linear = graph.inertial.linearize(states).take(used)
-    e, free = linear.b, 1.0 - _spread(linear, covariance)
+    e, free = linear.b.copy(), 1.0 - _spread(linear, covariance)  # a view would hold all rows
     return {"gyro": Residuals(used, e[:, :3], free[:, :3]), "accel": Residuals(used, e[:, 3:], free[:, 3:])}
 
 
 def _family_residuals(family: Family, states: States, covariance: Covariance) -> Residuals:
     """Return the residuals of a family whose slots lie in at most two neighbouring keyframes."""
     linear = family.linearize(states)
-    return Residuals(family.first_keyframe, linear.b, family.weights(states)[:, None] - _spread(linear, covariance))
+    free = family.weights(states)[:, None] - _spread(linear, covariance)
+    return Residuals(family.first_keyframe, linear.b.copy(), free)
 
 
 def _spread(linear: LinearFactors, covariance: Covariance) -> Array:

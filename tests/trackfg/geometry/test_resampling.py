@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from trackfg.errors import BadInputError
-from trackfg.geometry.resampling import resample, resampling_response
+from trackfg.geometry.resampling import resample, resample_computed, resampling_response
 
 
 def places(length_m: float, spacing_m: float, seed: int = 0) -> np.ndarray:
@@ -40,6 +40,18 @@ def test_a_kernel_resamples_as_arrays_do(
     rows = 1e3 + np.stack([np.sin(x), 1e-4 * x**2, np.random.default_rng(1).normal(size=len(x))]).reshape(3, 1, -1)
     compiled, arrays = with_both(lambda: resample(x, rows)[1])
     np.testing.assert_allclose(compiled, arrays, rtol=0.0, atol=1e-10)
+
+
+@pytest.mark.usefixtures("kernels")
+@pytest.mark.parametrize("noise", [0.0, 1.0])
+def test_values_that_are_computed_as_needed_are_resampled_as_those_in_memory(noise: float) -> None:
+    """In order of the places, and out of order."""
+    x = noise * places(1200.0, 0.03) + (1.0 - noise) * np.arange(0.0, 1200.0, 0.03)
+    rows = np.stack([np.sin(x), x])
+    grid, out = resample_computed(x, lambda samples: rows[:, samples], 2, 0.25)
+    expected_grid, expected = resample(x, rows)
+    np.testing.assert_array_equal(grid, expected_grid)
+    np.testing.assert_array_equal(out, expected)
 
 
 @pytest.mark.parametrize("wavelength", [0.5, 0.6, 0.7, 0.8])

@@ -1,5 +1,6 @@
 """The loop of solving and reassessing: in which order, how often, and what is left of what was said."""
 
+import weakref
 from dataclasses import replace
 from typing import Any
 
@@ -41,6 +42,24 @@ def test_solves_while_anything_changes_and_keeps_the_last_word(simulated: Any) -
     assert solves == [False, False]
     assert [finding.code for finding in after.findings] == ["round-3", "silent"]
     assert after.problem.families[0].sigma[0, 0] == 4.0 * run.declared.families[0].sigma[0, 0]
+
+
+def test_a_solution_is_given_up_before_the_next_one_is_made(simulated: Any) -> None:
+    """Its square root and its covariance are as large."""
+    run, alive = smooth_states(simulated("mainline", duration_s=60.0).recording, SmoothConfig()), []
+    solutions: list[weakref.ref[Any]] = []
+
+    def solved() -> SolvedRun:
+        solution = replace(run.solution)
+        solutions.append(weakref.ref(solution))
+        return replace(run, solution=solution)
+
+    def solver(config: SmoothConfig, declared: Problem, problem: Problem, far: bool) -> SolvedRun:
+        alive.append(solutions[-1]() is not None)
+        return replace(solved(), problem=problem)
+
+    reassessed(solved(), solver, [raising(2, []), silent])
+    assert alive == [False, False]
 
 
 def test_a_reassessor_that_never_rests_is_stopped(simulated: Any) -> None:

@@ -241,7 +241,7 @@ def test_kernels_recur_as_numpy_does(solved: Solved, with_both: WithBoth) -> Non
 
     def recursions() -> tuple[Covariance, list[np.ndarray]]:
         samples = posterior_samples(solved.root, 4, np.random.default_rng(1))
-        products = times_covariance(solved.root, columns[: n * dim].reshape(n, dim, 3), columns[n * dim :])
+        products = times_covariance(solved.root, columns[: n * dim].reshape(n, dim, 3).copy(), columns[n * dim :])
         return posterior_covariance(solved.root), [*samples, *products]
 
     (ours, drawn), (theirs, also_drawn) = with_both(recursions)
@@ -260,7 +260,7 @@ def test_covariance_times_columns_is_that_of_the_dense_system(solved: Solved) ->
     rng, n, dim = np.random.default_rng(0), solved.keyframes, KEYFRAME_DIM
     scale = np.sqrt(np.diag(solved.dense))
     columns = rng.standard_normal((len(scale), 3)) / scale[:, None]
-    keyframes, shared = times_covariance(solved.root, columns[: n * dim].reshape(n, dim, 3), columns[n * dim :])
+    keyframes, shared = times_covariance(solved.root, columns[: n * dim].reshape(n, dim, 3).copy(), columns[n * dim :])
     ours = np.concatenate([keyframes.reshape(-1, 3), shared])
     np.testing.assert_allclose(ours / scale[:, None], (solved.dense @ columns) / scale[:, None], atol=1e-3)
 

@@ -40,7 +40,7 @@ def test_functions_are_those_of_the_solution(
     columns, at = np.zeros((n, KEYFRAME_DIM, count)), np.arange(count)
     columns[keyframe, :, at] += by_first
     columns[keyframe + 1, :, at] += by_second
-    solution, covariance_times = root.solution(), times_covariance(root, columns, by_shared.T)
+    solution, covariance_times = root.solution(), times_covariance(root, columns.copy(), by_shared.T)
     expected = np.einsum("nkm,nkl->ml", columns, covariance_times[0]) + by_shared @ covariance_times[1]
     value = np.einsum("nkm,nk->m", columns, solution.keyframes) + by_shared @ solution.shared
     estimate, covariance = estimated(factors, n, Functions(keyframe, by_first, by_second, by_shared))
