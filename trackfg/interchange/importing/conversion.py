@@ -237,7 +237,7 @@ def _part(sensor: MappedSensor, tables: Sequence[SourceTable], mapping: Mapping)
         plan = np.stack(measured[:2])
         keep &= np.isfinite(plan).all(axis=0) & (plan != 0.0).any(axis=0)  # what receivers write without a fix
         columns = _by_quality(sensor, table, columns, keys)
-        columns, keys, of_heights = _without_zero_heights(table, columns, keys)
+        columns, keys, of_heights = _without_zero_heights(table, columns, keys, keep)
         notes += of_heights
     if sensor.kind == "gnss_speed":
         speed, *sd = measured
@@ -332,16 +332,16 @@ def _by_quality(
 
 
 def _without_zero_heights(
-    table: SourceTable, columns: dict[str, Array], keys: dict[str, Any]
+    table: SourceTable, columns: dict[str, Array], keys: dict[str, Any], keep: np.ndarray
 ) -> tuple[dict[str, Array], dict[str, Any], tuple[str, ...]]:
     """Return columns and keys of positions with a wide sigma where the height is exactly 0 beside others far from it.
 
-    Receivers write 0 for the height of a fix in two dimensions.
+    Receivers write 0 for the height of a fix in two dimensions. ``keep``: the rows (n,) that have a position.
     """
     height, sd = keys["position"][2], keys["sd"][2]
     values = columns[height]
-    zero = values == 0.0
-    others = np.abs(values[~zero & np.isfinite(values)])
+    zero = (values == 0.0) & keep
+    others = np.abs(values[keep & ~zero & np.isfinite(values)])
     if not zero.any() or not others.size or others.min() < _FAR_FROM_ZERO:
         return columns, keys, ()
     wide = f"{_CONSTANT}height_sd"

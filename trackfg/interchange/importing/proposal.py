@@ -16,7 +16,6 @@ from trackfg.errors import BadInputError
 from trackfg.interchange.importing.balise_places import COLUMNS
 from trackfg.interchange.importing.columns.calendar_columns import COMPOSED, parts_of_dates
 from trackfg.interchange.importing.columns.column_meaning import first_of, kind_in
-from trackfg.interchange.importing.columns.column_names import parts_of
 from trackfg.interchange.importing.columns.plan_columns import (
     are_projected,
     plan_columns,
@@ -32,12 +31,13 @@ from trackfg.interchange.importing.columns.receiver_state import (
     state_column,
     without_position,
 )
-from trackfg.interchange.importing.columns.time_columns import states_no_zone
+from trackfg.interchange.importing.columns.time_columns import states_no_zone, time_columns, time_unit
 from trackfg.interchange.importing.columns.written_units import factor_of, unit_in
 from trackfg.interchange.importing.mapping import FORMAT
 from trackfg.interchange.importing.proposals.clock_start import propose_start
 from trackfg.interchange.importing.proposals.evident_by_force import settle_by_force
 from trackfg.interchange.importing.proposals.inertial_proposal import propose_imu
+from trackfg.interchange.importing.proposals.position_unit import RAW_DEGREES, unit_of_position
 from trackfg.interchange.importing.proposals.questions import (
     Ask,
     Proposal,
@@ -50,7 +50,7 @@ from trackfg.interchange.importing.proposals.receiver_speed_proposal import prop
 from trackfg.interchange.importing.proposals.tach_proposal import propose_speeds_over_ground, propose_tach
 from trackfg.interchange.importing.source_table import SourceTable
 from trackfg.interchange.importing.stations import bare_unit, place_columns
-from trackfg.interchange.importing.times import is_zone
+from trackfg.interchange.importing.times import TimeNotation, is_zone, read_times
 from trackfg.io.features import LOCAL
 from trackfg.numerics.chainage.km_notation import metres_of
 
@@ -60,9 +60,8 @@ FIX_SD_M = 1.0
 GNSS_SD_M = (RANGE_SD_M, RANGE_SD_M, 2.0 * RANGE_SD_M)
 """Proposed for positions without a sigma, east, north and up: that of a range horizontally, twice as much in height."""
 
-RAW_DEGREES = "1e-7 deg"
-"""Unit of coordinates in messages of u-blox and of MAVLink."""
-_RIGHT_ANGLE = 90.0
+_COMPUTED_S, _COMPUTED_ROWS = 1.0, 100
+"""Steady intervals of places up to this, s, and rows that show it, are of a computed place."""
 _LOCAL_M = 20_000.0
 """Easting and northing below this are of a frame of one's own: no grid has a railway so near to its origin."""
 _NUMBERS = ("gyro", "accel", "free_accel", "count", "distance", "speed", "latitude", "longitude", "easting", "northing")
@@ -124,9 +123,8 @@ def _gnss(proposal: Proposal, tables: Sequence[SourceTable], ask: Ask) -> None:
             sd[2] = UNKNOWN_HEIGHT_SD_M
         position = [*plan, height or 0.0]
         section = {"file": table.name, **proposal.times_of(table), "position": position, "sd": sd}
-        section |= (
-            _system(proposal, table, plan, ask) if are_projected(table, plan) else _unit_of_position(table, plan[0])
-        )
+        unit = _system if are_projected(table, plan) else unit_of_position
+        section |= unit(proposal, table, plan, ask)
         if (
             section.get("position_unit") == RAW_DEGREES
             and height is not None
@@ -189,27 +187,6 @@ def _system_named(answer: str) -> str | None:
     return LOCAL if answer.casefold() == LOCAL else system_of(f"EPSG:{answer}" if answer.isdecimal() else answer)
 
 
-def _unit_of_position(table: SourceTable, latitude: str) -> dict[str, str]:
-    """Return the key of a unit other than degrees: radians where they are stated, whole numbers of 1e-7 deg as
-    receivers have them.
-
-    Raises :class:`BadInputError` for degrees and minutes in one number.
-    """
-    stated = table.units.get(latitude) or parts_of(latitude).unit
-    if factor_of(stated, "angle") == 1.0:
-        return {"position_unit": "rad"}
-    values = table.numbers(latitude)
-    largest = float(np.nanmax(np.abs(values))) if np.isfinite(values).any() else 0.0
-    if _RIGHT_ANGLE < largest <= _RIGHT_ANGLE * 1e7 and bool((np.nan_to_num(values) % 1.0 == 0.0).all()):
-        return {"position_unit": RAW_DEGREES}
-    if _RIGHT_ANGLE < largest <= _RIGHT_ANGLE * 100.0:
-        raise BadInputError(
-            f"{table.name}: column {latitude!r} has values up to {largest:g}, degrees and minutes in one number "
-            "(ddmm.mmmm); expected degrees. Hint: write degrees + minutes / 60 with a sign, or import the NMEA log"
-        )
-    return {}
-
-
 def _balises(proposal: Proposal, tables: Sequence[SourceTable]) -> None:
     """Propose the table of ids with times, and where it has no places a table of places with the same ids."""
     named = _with_ids(proposal, tables)
@@ -251,9 +228,33 @@ def _fixes(proposal: Proposal, tables: Sequence[SourceTable]) -> None:
     for table in tables:
         if table.name in taken or first_of(table, "station") is None:
             continue
+        if _are_computed(table):
+            proposal.reasons["fixes"] = f"the places of {table.name}, at a steady rate, are computed: no fixes"
+            continue
         time = proposal.times_of(table, beside=proposal.clock_of_imu(tables))
         proposal.sections["fixes"] = {"file": table.name, **time, **_places(proposal, table, "fixes")}
         return
+
+
+def _are_computed(table: SourceTable) -> bool:
+    """Return whether places come at a steady rate of one a second or more: another system has computed them.
+
+    Balises and posts are passed at irregular times, and more seldom.
+    """
+    columns = time_columns(table)
+    if columns is None or len(columns) != 1 or len(table.frame) < _COMPUTED_ROWS:
+        return False
+    try:
+        t = read_times(table, columns, _notation(time_unit(table, columns)))
+    except BadInputError:
+        return False
+    steps = np.diff(t.since(t.first_ns))
+    usual = float(np.median(steps))
+    return 0.0 < usual <= _COMPUTED_S and bool(np.mean(np.abs(steps - usual) < 0.2 * usual) > 0.9)
+
+
+def _notation(keys: dict[str, Any]) -> TimeNotation:
+    return TimeNotation(keys.get("time_unit"), tick_s=keys.get("tick_s"))
 
 
 def _places(proposal: Proposal, table: SourceTable, section: str) -> dict[str, Any]:

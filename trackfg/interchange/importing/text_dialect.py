@@ -40,6 +40,7 @@ _GROUPS = re.compile(r"[+\-\u2212]?[1-9]\d{0,2}(\.\d{3})+$")
 _TIME_COMMA = re.compile(r"\d:\d{2},\d+$")
 _OPEN_CELL = re.compile(r'(^|[;,\t|])\s*"[^"]*$')
 """A line that ends within a cell."""
+_SHORT_WORD = 3
 _MOST_LINES = 100
 """Lines of a header with line breaks in its names."""
 _TEMPORAL = re.compile(r"(-?\d+ days?,? \+?)?\d{1,4}[-./:]\d{1,2}([-./:T ]\d{1,4}[^,;|\t]*(,\d+[^,;|\t]*)?)?$")
@@ -259,7 +260,9 @@ def _encoding(sample: bytes, path: Path) -> str:
     whole = sample[: sample.rfind(b"\n") + 1 or len(sample)]
     if not _decodes(whole, "utf-8") and _is_chinese(sample):
         return "gb18030"
-    return next((name for name in ("utf-8", "cp1252", "cp932") if _decodes(whole, name)), "cp1252")
+    encoding = next((name for name in ("utf-8", "cp1252", "cp932") if _decodes(whole, name)), "cp1252")
+    is_cyrillic = encoding == "cp1252" and _is_cyrillic(whole) and _decodes(whole, "cp1251")
+    return "cp1251" if is_cyrillic else encoding
 
 
 def _decodes(sample: bytes, encoding: str) -> bool:
@@ -283,6 +286,13 @@ def _is_chinese(sample: bytes) -> bool:
     """Return whether bytes above 127 come in pairs of GB 2312, as single letters with accents do not."""
     letters = re.findall(rb"[\x80-\xff]+", sample)
     return bool(letters) and all(re.fullmatch(rb"([\xa1-\xf7][\xa1-\xfe])+", run) for run in letters)
+
+
+def _is_cyrillic(sample: bytes) -> bool:
+    """Return whether most bytes above 127 are in words of them, as letters with accents are not."""
+    letters = re.findall(rb"[\xc0-\xff\xa8\xb8]+", sample)
+    in_words = sum(len(run) for run in letters if len(run) >= _SHORT_WORD)
+    return 2 * in_words > sum(map(len, letters)) > 0
 
 
 def _text(sample: bytes, encoding: str, path: Path) -> str:

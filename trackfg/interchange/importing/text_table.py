@@ -26,6 +26,8 @@ from trackfg.interchange.importing.text_dialect import (
 )
 from trackfg.io.table_file import ends_in_nulls
 
+_LETTERS = re.compile(r"[^\W\d_]{2}")
+"""What a row of names has, and one of numbers has not."""
 _BLOCK_BYTES = 1 << 22
 """Text that is changed at a time."""
 
@@ -196,12 +198,13 @@ def _fault(path: Path, dialect: Dialect, error: Exception) -> str:
                     count = len(cells(line.rstrip("\r\n"), dialect.delimiter))
                     if count != width and not is_remark(line.rstrip("\r\n"), dialect.delimiter):
                         cut = count < width and not any(later.strip() for later in stream)
-                        hint = ". Hint: it is the last row: where the file was cut off, delete it to read the rest"
+                        hint = ""
+                        if cut:
+                            hint = ". Hint: it is the last row: where the file was cut off, delete it to read the rest"
+                        elif _LETTERS.search(line):
+                            hint = ". Hint: where another table begins there, give each a file of its own"
                         several = "1 cell" if count == 1 else f"{count} cells"
-                        return (
-                            f"{path.name}: row {number} has {several}; expected {width}, as in the others"
-                            f"{hint if cut else ''}"
-                        )
+                        return f"{path.name}: row {number} has {several}; expected {width}, as in the others{hint}"
     except UnicodeDecodeError as fault:
         return f"{path.name}: byte {fault.start} is not {dialect.encoding}; expected another encoding"
     except csv.Error as fault:

@@ -8,6 +8,8 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+import pyarrow as pa
+import pyarrow.parquet
 import pytest
 from interchange.foreign_forms import Drive
 
@@ -181,6 +183,61 @@ def _influx(drive: Drive, folder: Path) -> Path:
     return folder / "query.json"
 
 
+def _dates_in_days(drive: Drive, folder: Path) -> Path:
+    """A date and a time of day that a spreadsheet has lost the formats of."""
+    days = [f"{ns // 86_400_000_000_000 + 25_569}" for ns in drive.ns]
+    parts = [f"{ns % 86_400_000_000_000 / 86_400e9:.10f}" for ns in drive.ns]
+    head = f"Date,Time,{INERTIAL},wheel [km/h]"
+    return _text(folder / "log.csv", [head], days, parts, *_inertial(drive), 3.6 * drive.speed)
+
+
+def _sheet_of_text(drive: Drive, folder: Path) -> Path:
+    openpyxl = pytest.importorskip("openpyxl")
+    book = openpyxl.Workbook()
+    book.active.append(["Zeit [s]", *INERTIAL.split(","), "v Rad [km/h]"])
+    for row in zip(drive.t, *_inertial(drive), 3.6 * drive.speed, strict=True):
+        book.active.append([f"{value:.7f}".replace(".", ",") for value in row])
+    book.save(folder / "log.xlsx")
+    return folder / "log.xlsx"
+
+
+def _structs(drive: Drive, folder: Path) -> Path:
+    vectors = {
+        name: [dict(zip("xyz", row, strict=True)) for row in values.tolist()] for name, values in _vectors(drive)
+    }
+    table = pa.table(
+        {"timestamp": pa.array(drive.ns, pa.timestamp("ns", tz="UTC")), **vectors, "wheel_mps": drive.speed}
+    )
+    pa.parquet.write_table(table, folder / "log.parquet")
+    return folder / "log.parquet"
+
+
+def _lists(drive: Drive, folder: Path) -> Path:
+    vectors = {name: values.tolist() for name, values in _vectors(drive)}
+    pa.parquet.write_table(pa.table({"t_s": drive.t, **vectors, "wheel_mps": drive.speed}), folder / "log.parquet")
+    return folder / "log.parquet"
+
+
+def _vectors(drive: Drive) -> list[tuple[str, np.ndarray]]:
+    return [("gyro", drive.gyro), ("accel", drive.accel)]
+
+
+def _compound_with_vectors(drive: Drive, folder: Path) -> Path:
+    h5py = pytest.importorskip("h5py")
+    rows = np.zeros(len(drive.t), [("time", "f8"), ("gyro", "f8", 3), ("accel", "f8", 3), ("wheel_mps", "f8")])
+    for name, values in (("time", drive.t), *_vectors(drive), ("wheel_mps", drive.speed)):
+        rows[name] = values
+    with h5py.File(folder / "log.h5", "w") as file:
+        file["imu"] = rows
+    return folder / "log.h5"
+
+
+def _russian_of_windows(drive: Drive, folder: Path) -> Path:
+    path = _russian(drive, folder)
+    path.write_bytes(path.read_text(encoding="utf-8").replace("²", "2").encode("cp1251"))
+    return path
+
+
 def _series_of_grafana(drive: Drive, folder: Path) -> Path:
     stamps = [f"{stamp}+00:00" for stamp in _stamps(drive, "%Y-%m-%dT%H:%M:%S.%f")]
     named = dict(
@@ -207,6 +264,12 @@ def _series_of_grafana(drive: Drive, folder: Path) -> Path:
         _spreadsheet_with_faults,
         _french,
         _russian,
+        _russian_of_windows,
+        _dates_in_days,
+        _sheet_of_text,
+        _structs,
+        _lists,
+        _compound_with_vectors,
         _influx,
         _series_of_grafana,
     ],
@@ -277,6 +340,19 @@ def test_it_is_said_what_is_taken_for_the_wheel(
     assert said in reason if said else not reason
 
 
+@pytest.mark.parametrize(("unit", "tenths"), [("0.1 km/h", 36.0), ("0.01 km/h", 360.0), ("km/h", 3.6)])
+def test_the_speed_of_a_bus_is_in_tenths_or_hundredths(unit: str, tenths: float, tmp_path: Path) -> None:
+    t = np.arange(12_000) / 100.0
+    acceleration = np.where(t > 10.0, 0.5 * np.sin(2.0 * np.pi * (t - 10.0) / 30.0), 0.0)
+    speed = np.cumsum(acceleration) / 100.0
+    noise = np.random.default_rng(5).normal(0.0, 0.02, (3, t.size))
+    force = noise + np.stack([acceleration, 0.0 * t, 0.0 * t + 9.81])
+    head = "t [s],gx [deg/s],gy [deg/s],gz [deg/s],ax [m/s2],ay [m/s2],az [m/s2],wheel_speed"
+    cells = np.round(tenths * speed).astype(int).tolist()
+    proposal, _ = _proposed(_text(tmp_path / "log.csv", [head], t, *noise, *force, cells))
+    assert proposal.sections["tach"]["unit"] == unit
+
+
 @pytest.mark.parametrize("of_files", [True, False])
 def test_a_radar_beside_a_wheel_is_a_speed_over_ground(of_files: bool, drive: Drive, tmp_path: Path) -> None:
     if of_files:
@@ -333,6 +409,50 @@ def test_hemispheres_and_minutes_of_an_angle_are_read(
 def _parts(angle: float) -> list[tuple[str, float]]:
     minutes = angle % 1.0 * 60.0
     return [("d", int(angle)), ("m", int(minutes)), ("s", minutes % 1.0 * 60.0)]
+
+
+@pytest.mark.parametrize(
+    ("names", "power", "has_speed", "unit"),
+    [
+        (("lat", "lon"), 7, False, "1e-7 deg"),
+        (("lat", "lon"), 6, True, "1e-6 deg"),
+        (("lat", "lon"), 5, True, "1e-5 deg"),
+        (("latitudeE6", "longitudeE6"), 6, False, "1e-6 deg"),
+        (("lat", "lon"), None, False, "rad"),
+    ],
+)
+def test_the_unit_of_positions_is_that_with_which_they_move_as_they_do(
+    names: tuple[str, str], power: int | None, has_speed: bool, unit: str, drive: Drive, tmp_path: Path
+) -> None:
+    """Radians as degrees would lie in the Gulf of Guinea; whole numbers may be of several powers of ten."""
+    _text(tmp_path / "run" / "imu.csv", [f"t [s],{INERTIAL}"], drive.t, *_inertial(drive))
+    plan = [drive.latitude, drive.longitude]
+    cells = [[f"{a * DEG:.12f}" if power is None else f"{a * 10**power:.0f}" for a in column] for column in plan]
+    speed = [np.interp(drive.gnss_t, drive.t, drive.speed)] if has_speed else []
+    head = ",".join(["t [s]", *names, "alt [m]", *["speed [m/s]"] * has_speed])
+    _text(tmp_path / "run" / "gps.csv", [head], drive.gnss_t, *cells, drive.height, *speed)
+    proposal, _ = _proposed(tmp_path / "run")
+    assert proposal.sections["gnss"]["position_unit"] == unit
+
+
+def test_whole_numbers_whose_power_of_ten_nothing_shows_are_asked(
+    drive: Drive, imported: Import, tmp_path: Path
+) -> None:
+    _text(tmp_path / "run" / "imu.csv", [f"t [s],{INERTIAL}"], drive.t, *_inertial(drive))
+    cells = [[f"{a * 1e6:.0f}" for a in column] for column in (drive.latitude, drive.longitude)]
+    _text(tmp_path / "run" / "gps.csv", ["t [s],lat,lon,alt [m]"], drive.gnss_t, *cells, drive.height)
+    made = imported(tmp_path / "run", gnss_position_unit="1e-6 deg")
+    np.testing.assert_allclose(pd.read_parquet(made.folder / "gnss.parquet")["lat"], drive.latitude, atol=1e-6)
+
+
+def test_places_at_a_steady_rate_are_no_fixes(drive: Drive, tmp_path: Path) -> None:
+    """Another system has computed them, so that their errors are no errors of each by itself."""
+    _text(tmp_path / "run" / "imu.csv", [f"t [s],{INERTIAL}"], drive.t, *_inertial(drive))
+    km = 12.0 + np.cumsum(drive.speed) / 1e5
+    _text(tmp_path / "run" / "place.csv", ["t [s],km"], drive.t[::10], [f"{place:.5f}" for place in km[::10]])
+    proposal, _ = _proposed(tmp_path / "run")
+    assert "fixes" not in proposal.sections
+    assert "computed" in proposal.reasons["fixes"]
 
 
 def test_a_depth_below_the_origin_is_a_height(drive: Drive, imported: Import, tmp_path: Path) -> None:

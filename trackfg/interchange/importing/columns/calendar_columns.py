@@ -58,7 +58,7 @@ def with_whole_dates(table: SourceTable) -> SourceTable:
     Times in text, of whole seconds, get the milliseconds that stand in a column beside them, in place of that column.
     """
     table = _with_milliseconds(table)
-    readings = (read(table) for read in (_of_the_week, _of_the_calendar, _of_digits, _of_seconds))
+    readings = (read(table) for read in (_of_the_week, _of_the_calendar, _of_serial_days, _of_digits, _of_seconds))
     ns = next((ns for ns in readings if ns is not None), None)
     if ns is None:
         return table
@@ -135,8 +135,24 @@ _DATE = re.compile(r"date|datum|\bday$|ddmmyy|yymmdd", re.IGNORECASE)
 _CLOCK = re.compile(r"time|utc|zeit|clock|hhmmss", re.IGNORECASE)
 _ORDERS = ("%d%m%y", "%y%m%d", "%Y%m%d", "%d%m%Y")
 """Orders of a date in digits: NMEA's first. That of America is not taken for one."""
+_DAYS_TO_1970, _DAY_NS = 25_569, 86_400 * _SECOND_NS
+_OLDEST_DAY, _NEWEST_DAY = 38_000, 60_000
+"""Days of a spreadsheet, since 1899-12-30, that are taken for dates: 2004 to 2064."""
 _OLDEST_YEAR = 2005
 """Year before which nothing was logged that is imported."""
+
+
+def _of_serial_days(table: SourceTable) -> np.ndarray | None:
+    """Return the times (n,), ns since 1970, of a date and a time of day in a spreadsheet's days; None without them."""
+    names = [name for name in (table.name_like(_DATE), table.name_like(_CLOCK)) if name is not None]
+    if len(set(names)) < 2 or not _are_numbers(table.frame[name] for name in names):
+        return None
+    days, part = (table.numbers(name) for name in names)
+    dated = (days == np.floor(days)).all() and ((days > _OLDEST_DAY) & (days < _NEWEST_DAY)).all()
+    if not dated or not ((part >= 0.0) & (part < 1.0)).all() or not (np.diff(days + part) >= 0.0).mean() > _GROWING:
+        return None
+    whole = (days.astype(np.int64) - _DAYS_TO_1970) * _DAY_NS
+    return np.asarray(whole + np.round(part * _DAY_NS).astype(np.int64))
 
 
 def _of_digits(table: SourceTable) -> np.ndarray | None:

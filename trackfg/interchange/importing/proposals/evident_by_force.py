@@ -26,11 +26,12 @@ if TYPE_CHECKING:
     from trackfg.recording.model import Recording
 
 _CANDIDATES: dict[str, tuple[Quantity, tuple[str, ...]]] = {
-    "tach.unit": ("speed", ("m/s", "km/h", "mph", "mm/s", "cm/s")),
+    "tach.unit": ("speed", ("m/s", "km/h", "mph", "mm/s", "cm/s", "0.1 km/h", "0.01 km/h")),
     "gnss_speed.unit": ("speed", ("m/s", "km/h", "kn", "mph", "mm/s", "cm/s")),
     "imu.gyro_unit": ("angular rate", ("rad/s", "deg/s", "mrad/s", "mdeg/s")),
 }
-"""Units among which the force decides, where the source states none. It cannot distinguish a knot from a mile per hour,
+"""Units among which the force decides, where the source states none; buses of vehicles count tenths and hundredths of
+km/h. It cannot distinguish a knot from a mile per hour,
 since gradients and a sensor's tilt falsify it by some percent: a wheel's speed is in neither knots nor feet per second.
 For a receiver's speed its positions decide."""
 _LENGTHS = ("m", "km", "ft", "mm", "cm", "mi")

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pyarrow as pa
+import pyarrow.compute
 import pyarrow.feather
 import pyarrow.parquet
 
@@ -27,6 +28,7 @@ ARRAY_SUFFIXES = (".npy", ".npz", ".mat")
 _HDF5 = b"MATLAB 7.3 MAT-file"
 _DEPTH = 4
 """Structs within structs."""
+_AXES = ("x", "y", "z")
 _ROWS_AT_ONCE = 50_000
 """Rows of a database that are turned into columns at a time: as Python's numbers they are four times as large."""
 
@@ -38,7 +40,8 @@ _LEVELS, _LEVEL = re.compile(r"\('.*'\)"), re.compile(r"'([^']*)'")
 def read_arrow(path: Path) -> list[SourceTable]:
     """Read a Parquet, Feather or Arrow file, a column at a time. Raises :class:`BadInputError` where it is none."""
     units, columns, notes = {}, {}, []
-    for written, column in _arrow_columns(path):
+    plain = (part for whole in _arrow_columns(path) for part in _without_nesting(*whole))
+    for written, column in plain:
         name = " ".join(_LEVEL.findall(written)).strip() if _LEVELS.fullmatch(written) else written
         if pa.types.is_timestamp(column.type):
             if column.type.tz is None:
@@ -63,6 +66,30 @@ def _arrow_columns(path: Path) -> Iterator[tuple[str, pa.ChunkedArray]]:
         else:
             table = pa.feather.read_table(path, use_threads=False)  # mapped into memory, unless it is compressed
             yield from zip(table.column_names, table.columns, strict=True)
+
+
+def _without_nesting(name: str, column: pa.ChunkedArray) -> Iterator[tuple[str, pa.ChunkedArray]]:
+    """Yield the fields of a struct, and the axes of vectors of three numbers in lists; another column as it is."""
+    if pa.types.is_struct(column.type):
+        for field, part in zip(column.type, column.flatten(), strict=True):
+            yield from _without_nesting(f"{name}.{field.name}", part)
+    elif _holds_vectors(column):
+        values = pa.compute.list_flatten(column).to_numpy().reshape(-1, len(_AXES))
+        for axis, part in zip(_AXES, values.T, strict=True):
+            yield f"{name} {axis}", pa.chunked_array([np.ascontiguousarray(part)])
+    else:
+        yield name, column
+
+
+def _holds_vectors(column: pa.ChunkedArray) -> bool:
+    """Return whether each cell is a list of three numbers."""
+    kind = column.type
+    if not (pa.types.is_list(kind) or pa.types.is_large_list(kind) or pa.types.is_fixed_size_list(kind)):
+        return False
+    if _is_text(kind.value_type) or column.null_count or not len(column):
+        return False
+    ends = pa.compute.min_max(pa.compute.list_value_length(column))
+    return bool(ends["min"].as_py() == ends["max"].as_py() == len(_AXES))
 
 
 def _is_text(kind: pa.DataType) -> bool:

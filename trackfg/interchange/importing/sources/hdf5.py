@@ -184,10 +184,7 @@ def _compound_tables(h5py: Any, file: Any) -> Iterator[SourceTable]:
     for dataset in _all_of(h5py.Dataset, file):
         if dataset.dtype.names and len(dataset):
             values = dataset[()]
-            pairs = ((name, column_of(values[name])) for name in dataset.dtype.names)
-            columns = {name: column for name, column in pairs if column is not None}
-            if holds_numbers(columns):
-                yield SourceTable(dataset.name.lstrip("/"), pd.DataFrame(columns))
+            yield from tables_of_arrays({name: values[name] for name in dataset.dtype.names}, dataset.name.lstrip("/"))
 
 
 def _pandas_tables(h5py: Any, file: Any) -> Iterator[SourceTable]:

@@ -19,6 +19,8 @@ from trackfg.interchange.importing.text_dialect import first_data_row, header_of
 SPREADSHEETS = (".xlsx", ".xls")
 _HEAD_ROWS = 200
 """Rows of a sheet among which its first row of values is looked for."""
+_DECIMAL_COMMA, _NO_GROUP = r"\s*[+-]?\d+(,\d+)?\s*", r",(?!\d{3}\s*$)"
+"""A number as text with a decimal comma, and one in which the comma is none between digits in groups."""
 
 
 def read_spreadsheet(path: Path) -> list[SourceTable]:
@@ -74,7 +76,10 @@ def _column(cells: list[Any]) -> pd.Series:
         return pd.Series([float("nan") if cell is None else cell for cell in cells])
     if filled and all(isinstance(cell, dt.datetime) and cell.time() == dt.time() for cell in filled):
         cells = [None if cell is None else cell.date() for cell in cells]  # a date beside a time of day
-    return pd.Series([None if cell is None else _as_text(cell) for cell in cells], dtype="string")
+    texts = pd.Series([None if cell is None else _as_text(cell) for cell in cells], dtype="string")
+    if filled and texts.str.fullmatch(_DECIMAL_COMMA).fillna(value=True).all() and texts.str.contains(_NO_GROUP).any():
+        return pd.to_numeric(texts.str.replace(",", ".", regex=False)).astype("float64")
+    return texts
 
 
 def _as_text(cell: Any) -> str:
