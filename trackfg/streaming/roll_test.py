@@ -2,6 +2,9 @@
 
 Of the cells along the way (:mod:`trackfg.streaming.track_cells`) only those are kept of which it is not known yet
 whether they are on a straight.
+
+The roll of a stream becomes surer as it goes on, and errs alike in all cells. So each cell of variance V has the weight
+``1 / V`` in the mean; that of n cells errs by ``n / sum(1 / V)`` at most, by the inequality of Cauchy and Schwarz.
 """
 
 from __future__ import annotations
@@ -33,13 +36,13 @@ class RollTest:
     """Sums over the cells on straights.
 
     ``fastest_mps``: the vehicle's highest speed; ``cells`` (c, 4): heading, roll, rad, the variance of roll, and the
-    highest speed so far; ``sums`` (4,): the number of cells on straights, and the sums of roll, of its variance and of
-    its square.
+    highest speed so far; ``sums`` (5,): the number of cells on straights, and the sums of their weights, of the squares
+    of these, and of roll and its square, weighted.
     """
 
     fastest_mps: float = 0.0
     cells: Array = field(default_factory=lambda: np.zeros((0, 4)))
-    sums: Array = field(default_factory=lambda: np.zeros(4))
+    sums: Array = field(default_factory=lambda: np.zeros(5))
 
     def put(self, cells: Array) -> None:
         """Take the next cells (c, 4)."""
@@ -52,8 +55,9 @@ class RollTest:
         if len(self.cells) > 2 * MARGIN:
             inner = slice(MARGIN, len(self.cells) - MARGIN)
             on_straight = straight(self.cells[:, 0], straightest(self.cells[:, 3]))
-            cells = self.cells[inner][on_straight[inner]]
-            self.sums += [len(cells), *cells[:, 1:3].sum(axis=0), (cells[:, 1] ** 2).sum()]
+            _, roll, variance, _ = self.cells[inner][on_straight[inner]].T
+            weight = 1.0 / variance
+            self.sums += [len(roll), weight.sum(), weight @ weight, weight @ roll, weight @ roll**2]
             self.cells = self.cells[-2 * MARGIN :].copy()
 
     def events(self, until_s: float) -> tuple[Event, ...]:
@@ -61,12 +65,12 @@ class RollTest:
 
         What the track's own irregularities leave of the mean is no tilt.
         """
-        number, roll, variance, squares = self.sums
+        number, weights, of_weights, roll, squares = self.sums
         if number * STEP_M < SHORTEST_M:
             return ()
-        mean = roll / number
-        of_track = (squares / number - mean**2) * _ALIKE_CELLS / number
-        if mean**2 < _SIGMAS**2 * (variance / number + of_track):
+        mean = roll / weights
+        of_track = (squares / weights - mean**2) * _ALIKE_CELLS * of_weights / weights**2
+        if mean**2 < _SIGMAS**2 * (number / weights + of_track):
             return ()
         advice = "declare mount_rpy_deg or mount_roll_sd_deg of [imu], or smooth the recording"
         return (Event(DOUBT, t_s=until_s, detail=f"roll, cross_level: {in_words(mean)}: {advice}"),)

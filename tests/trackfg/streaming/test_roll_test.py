@@ -55,6 +55,17 @@ def test_a_mean_that_its_sigma_explains_is_not_doubted() -> None:
     assert len(put_through(rows(1.0).assign(roll_rad_sd=5e-3)).events(200.0)) == 1
 
 
+def test_what_is_not_known_at_first_does_not_hide_a_tilt() -> None:
+    """1 deg is 2 sigmas for a third of the run, and 17 of them from then on."""
+    table = rows(1.0)
+    table["roll_rad_sd"] = np.where(table["t_s"] < 70.0, 9e-3, 1e-3)
+    assert len(put_through(table).events(200.0)) == 1
+    slight = rows(0.0)
+    slight["roll_rad_sd"] = table["roll_rad_sd"]
+    slight["roll_rad"] += np.where(table["t_s"] < 70.0, 9e-3, 1e-3)  # one sigma throughout
+    assert put_through(slight).events(200.0) == ()
+
+
 def test_a_small_tilt_is_said_where_roll_is_known_well() -> None:
     """0.1 deg is 1.7 mrad, 6 sigmas; but 0.5 mrad is what irregularities of 3 mrad leave of the mean."""
     sure = rows(0.1).assign(roll_rad_sd=3e-4)
@@ -73,7 +84,8 @@ def test_pieces_of_any_size_make_the_same_sums() -> None:
     cells = np.arange(1, int(way[-1] / STEP_M) + 1) * STEP_M
     on_straight = straight(np.interp(cells, way, np.unwrap(table["yaw_rad"])), straightest(np.array(SPEED_MPS)))
     assert whole.sums[0] == np.count_nonzero(on_straight)
-    assert whole.sums[1] == pytest.approx(np.interp(cells, way, table["roll_rad"])[on_straight].sum())
+    mean = np.interp(cells, way, table["roll_rad"])[on_straight].mean()
+    assert whole.sums[3] / whole.sums[1] == pytest.approx(mean)
     for ends in ((0, 1, 2, 7), tuple(range(5, len(table), 5)), (1999,)):
         test = put_through(table, *ends)
         np.testing.assert_allclose(test.sums, whole.sums, rtol=1e-12)
