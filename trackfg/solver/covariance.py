@@ -173,7 +173,9 @@ def _windows(root: SquareRoot, behind: Array) -> Iterator[_Window]:
 
 def _of_shared_alone(of_shared: Array) -> Array:
     """Return the covariance of (x_n, s) where the chain ends, and there is no x_n."""
-    return np.pad(of_shared, (KEYFRAME_DIM, 0))
+    whole = np.zeros((KEYFRAME_DIM + len(of_shared),) * 2)
+    whole[KEYFRAME_DIM:, KEYFRAME_DIM:] = of_shared
+    return whole
 
 
 def _by_numpy(root: SquareRoot, behind: Array, marginal: Array, cross: Array) -> None:
