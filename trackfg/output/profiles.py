@@ -139,14 +139,18 @@ class Ascent:
         Shape (n, c).
         """
         place = np.maximum.accumulate(self.x)
-        parts = []
-        for part in np.split(grid, range(_CHUNK, len(grid), _CHUNK)):
+        out = np.empty((len(grid), 0))
+        for begin in range(0, len(grid), _CHUNK):
+            part = grid[begin : begin + _CHUNK]
             low = max(int(np.searchsorted(place, part[0], side="right")) - 1, 0)
             high = min(int(np.searchsorted(place, part[-1], side="right")) + 1, len(place))
             rows = slice(len(place) - high, len(place) - low) if self.backwards else slice(low, high)
             columns = self.sorted(values(rows)).T
-            parts.append(np.column_stack([np.interp(part, place[low:high], column) for column in columns]))
-        return np.concatenate(parts)
+            if begin == 0:
+                out = np.empty((len(grid), len(columns)))
+            for k, column in enumerate(columns):
+                out[begin : begin + len(part), k] = np.interp(part, place[low:high], column)
+        return out
 
     def points(self, grid: Array, left: Array, seen: Seen) -> tuple[list[Points], Array]:
         """Return when and where each place of the grid was passed, for each arm, and how fast."""
