@@ -63,5 +63,7 @@ def readable(path: Path, expected: str, faults: tuple[type[Exception], ...] = (E
 def refuse_empty(tables: Sequence[SourceTable], path: Path, what: str) -> Sequence[SourceTable]:
     """Return the tables. Raises :class:`BadInputError` where there is none."""
     if not tables:
-        raise BadInputError(f"{path.name}: holds no {what}; expected at least one")
+        shapes = ". Hint: a table is a list of records, or an object with a list of numbers for each column"
+        hint = shapes if path.suffix.casefold().startswith(".json") else ""
+        raise BadInputError(f"{path.name}: holds no {what}; expected at least one{hint}")
     return tables

@@ -499,6 +499,8 @@ def test_an_accuracy_across_is_no_acceleration() -> None:
             "#BESTPOSA,COM1,0,78.5,FINESTEERING,2387,4.00,02000020,b1f6,16809;SOL_COMPUTED*b6\n%RAWIMUSA,2387,4.0;1*c0\n",
             "NovAtel in ASCII",
         ),
+        ("t,yaw rate,ax,ay,az\n" + "".join(f"{i},0,0,0,9.8\n" for i in range(30)), "yaw rate alone: all three axes"),
+        ("t,roll,pitch,ax,ay,az\n" + "".join(f"{i},0,0,0,0,9.8\n" for i in range(30)), "roll, pitch: angles"),
         ("t,gyro_x,gyro_y,gyro_z,FreeAcc_E,FreeAcc_N\n" + "".join(f"{i},0,0,0.1,0,0\n" for i in range(30)), "gravity"),
     ],
 )

@@ -21,7 +21,7 @@ from trackfg.interchange.importing.columns.column_meaning import (
     triple_of,
     triples,
 )
-from trackfg.interchange.importing.columns.column_names import meaning
+from trackfg.interchange.importing.columns.column_names import meaning, parts_of
 from trackfg.interchange.importing.columns.plan_columns import plan_columns
 from trackfg.interchange.importing.proposals.questions import Ask, Proposal, Question, asked, asked_unit
 from trackfg.interchange.importing.source_table import SourceTable
@@ -30,6 +30,7 @@ _WITHOUT_GRAVITY = (
     "the acceleration is without gravity, which roll and pitch need; expected the specific force (total acceleration). "
     "Hint: switch on the accelerometer itself, not the linear, free or user acceleration"
 )
+_ANGLE = re.compile(r"(euler ?)?(roll|pitch|yaw|heading)( ?angle)?|euler ?[xyz]?")
 _UNNAMED = re.compile(r"c\d+")
 """Names that columns get which have none."""
 _SLOW_COPY = 0.5
@@ -99,6 +100,11 @@ def _not_found(lacking: Sequence[str], tables: Sequence[SourceTable]) -> str:
         return _WITHOUT_GRAVITY
     empty = [name for table in tables for name in table.columns if table.frame[name].isna().all()]
     more += f" (no value in any row of {', '.join(empty[:20])})" if empty else ""
+    kind = "gyro" if lacking[0] == "gyro" else "accel"
+    fewer = [name for table in tables for name in table.columns if kind_in(table, name) == kind]
+    more += f" ({', '.join(fewer[:20])} alone: all three axes are needed)" if fewer and not empty else ""
+    angles = [name for table in tables for name in table.columns if _ANGLE.fullmatch(parts_of(name).words)]
+    more += f" ({', '.join(angles[:20])}: angles, of which no rates are made)" if angles and kind == "gyro" else ""
     return (
         f"no three columns of the {lacking[0]} found among {names}{more}; expected names such as gyro_x, or for a "
         "track geometry a column of places and channels such as level. Hint: name them in a mapping (docs/importing.md)"
