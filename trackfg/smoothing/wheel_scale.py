@@ -11,10 +11,10 @@ one that is cut off to whole km/h and was interpolated then), are explained by c
 a scale that walks everywhere, and judged anew with the noise that was found; and an offset of a speed signal is a
 variable before a walk is.
 
-A scale that may walk everywhere makes every distance unsure, though creep begins and ends at a few places. So where it
-still changes then, it walks where :mod:`trackfg.solver.scale_changes` has it change, by as much as is probable there:
-little at many places where the data are indecisive, so that sigmas allow for each of them. A change that is likely but
-not certain is allowed for by its probability.
+A scale that may walk everywhere makes every distance unsure, though creep begins and ends at a few places. So it walks
+then where :mod:`trackfg.solver.scale_changes` has it change, by as much as is probable there: little at many places
+where the data are indecisive, so that sigmas allow for each of them. Changes, and a walk beside them, are allowed for
+by their probability: little is left of them where the noise that was found explains the data as well.
 
 In a run with a further tach the scale is constant. The difference between the wheels shows which of them creeps. A
 scale that walks would absorb that difference, and the estimate would follow the wheel that creeps.
@@ -39,11 +39,8 @@ from trackfg.numerics.arrays import Array
 from trackfg.recording.findings import Finding
 from trackfg.smoothing.fixes.wrong_fixes import with_fixes
 from trackfg.smoothing.reassessment import Reassessment, SolvedRun
-from trackfg.solver.scale_changes import scale_changes
+from trackfg.solver.scale_changes import WALKS, scale_changes
 from trackfg.solver.scale_evidence import CLEARLY, ScaleEvidence
-
-_WALKS = (1e-5, 3e-5, 1e-4, 3e-4)
-"""1/sqrt(m): from 0.03 % to 1 % in a kilometre, as creep that lasts. The likelihood has one maximum."""
 
 _CELL_S = 10.0
 """Length of a cell, s: within such a time a wheel begins to creep, or ceases to (adhesion changes over one to a few
@@ -89,12 +86,13 @@ def wheel_scale(run: SolvedRun) -> Reassessment:
         occam = np.log(_OFFSET_SD_MPS / SET_OFFSET_SD_MPS)  # the likelihoods are without the sigmas of priors
         if beside.log_likelihood(constant) - occam > evidence.log_likelihood(constant) + CLEARLY:
             families, evidence = with_offset, beside
-    changes = scale_changes(*evidence.on_changes(constant, edges))
+    walk = run.config.tach.scale_walk_per_sqrt_m
+    changes = scale_changes(*evidence.on_changes(constant, edges), _declared_at(edges, constant)[1] / walk**2)
     judged = constant
-    if changes.log_odds > (0.0 if walks else CLEARLY):
-        everywhere = _walking_everywhere(evidence, constant, run.config.tach.scale_walk_per_sqrt_m)
-        candidates = (everywhere, _walking_at(edges, changes.variance, constant)) if walks else (everywhere,)
-        judged = max(candidates, key=evidence.log_likelihood)
+    if walks and len(edges):
+        judged = _walking_at(edges, changes.variance, constant)
+    elif changes.log_odds > CLEARLY:
+        judged = _walking_everywhere(evidence, constant, walk)
     if (judged.sigma == chain.sigma).all() and _offset_sd(families) == _offset_sd(problem.families):
         return Reassessment(problem, _findings(run))
     problem = replace(problem, families=changed(families, FactorType.DISTANCE_CHAIN, lambda _: judged))
@@ -141,7 +139,7 @@ def _edges(t: Array, distance: Array) -> np.ndarray:
 def _walking_everywhere(evidence: ScaleEvidence, constant: Family, declared: float) -> Family:
     """Return the chain with the likeliest of the walks that are faster than the ``declared`` one, 1/sqrt(m)."""
     best, most = constant, -np.inf
-    for walk in (walk for walk in _WALKS if walk > declared):
+    for walk in (walk for walk in WALKS if walk > declared):
         trial = constant.with_sigma(constant.sigma * [1.0, walk / declared])
         likelihood = evidence.log_likelihood(trial)
         if likelihood <= most:
@@ -154,10 +152,18 @@ def _walking_at(edges: np.ndarray, variance: Array, constant: Family) -> Family:
     """Return the chain with a scale that walks by a ``variance`` (c,) in the intervals closest to each of the
     ``edges``, in proportion to the way.
     """
+    closest, at_edge = _declared_at(edges, constant)
+    declared = constant.sigma[:, 1] ** 2
+    more = declared * (variance / at_edge)[closest]
+    return constant.with_sigma(np.stack([constant.sigma[:, 0], np.sqrt(declared + more)], axis=1))
+
+
+def _declared_at(edges: np.ndarray, constant: Family) -> tuple[np.ndarray, Array]:
+    """Return which of the ``edges`` (c,) is closest to each interval (n - 1,), and by what variance the scale walks at
+    each edge (c,) if it walks as declared: in proportion to the way.
+    """
     closest = np.searchsorted(0.5 * (edges[1:] + edges[:-1]), np.arange(len(constant)))
-    declared = constant.sigma[:, 1] ** 2  # grows with the way
-    share = declared / np.bincount(closest, declared)[closest]
-    return constant.with_sigma(np.stack([constant.sigma[:, 0], np.sqrt(declared + variance[closest] * share)], axis=1))
+    return closest, np.bincount(closest, constant.sigma[:, 1] ** 2, len(edges)).astype(np.float64)
 
 
 def _with_fixes_again(problem: Problem, states: States) -> Problem:

@@ -13,7 +13,8 @@ import pytest
 from trackfg.config import SmoothConfig
 from trackfg.datasets.scenarios import Simulation
 from trackfg.factors.factor_type import FactorType
-from trackfg.factors.family import changed
+from trackfg.factors.family import Family, changed
+from trackfg.graph.build import Problem
 from trackfg.recording.description import Tach
 from trackfg.recording.model import Recording
 from trackfg.smoothing.smoother import SmoothedStates, smooth_states
@@ -107,39 +108,45 @@ def test_cells_without_a_way_are_one_with_those_before(constant: SmoothedStates)
     np.testing.assert_array_equal(walking.sigma[:, 0], chain.sigma[:, 0])
 
 
-def test_a_walk_that_is_not_likelier_any_more_is_taken_back(constant: SmoothedStates) -> None:
-    """Noise that was not known yet may have looked like a scale that walks: a solution with one is judged anew."""
-    problem = constant.problem
+def walking(constant: SmoothedStates, times: float) -> SmoothedStates:
+    """The same solution, as if of a scale that walks so many times as fast as declared."""
     families = changed(
-        problem.families, FactorType.DISTANCE_CHAIN, lambda chain: replace(chain, sigma=chain.sigma * [1.0, 100.0])
+        constant.problem.families, FactorType.DISTANCE_CHAIN, lambda chain: chain.with_sigma(chain.sigma * [1.0, times])
     )
-    judged = wheel_scale(replace(constant, problem=replace(problem, families=families)))
+    return replace(constant, problem=replace(constant.problem, families=families))
+
+
+def chain_of(problem: Problem) -> Family:
+    chain = problem.family(FactorType.DISTANCE_CHAIN)
+    assert chain is not None
+    return chain
+
+
+def test_little_is_left_of_a_walk_that_the_data_do_not_show_any_more(constant: SmoothedStates) -> None:
+    """Noise that was not known yet may have looked like a scale that walks: a solution with one is judged anew."""
+    judged = wheel_scale(walking(constant, 3000.0))
     assert judged.changed
     assert not judged.findings
-    chain, declared = (one.family(FactorType.DISTANCE_CHAIN) for one in (judged.problem, constant.declared))
-    assert chain is not None
-    assert declared is not None
-    np.testing.assert_array_equal(chain.sigma, declared.sigma)
+    left, before = (np.sum(chain_of(run.problem).sigma[:, 1] ** 2) for run in (judged, walking(constant, 3000.0)))
+    assert left < 0.01 * before
 
 
 @pytest.mark.parametrize("log_odds", [-0.5, 0.5])
-def test_a_change_that_is_still_more_probable_than_none_stays_allowed_for(
+def test_changes_are_allowed_for_by_their_probability(
     constant: SmoothedStates, monkeypatch: pytest.MonkeyPatch, log_odds: float
 ) -> None:
     problem = constant.problem
     edges = _edges(problem.t, constant.solution.states.odo.distance)
     variance = np.full(len(edges), 1e-9)
     monkeypatch.setattr("trackfg.smoothing.wheel_scale.scale_changes", lambda *_: ScaleChanges(log_odds, variance))
-    declared = constant.declared.family(FactorType.DISTANCE_CHAIN)
-    assert declared is not None
-    families = changed(
-        problem.families, FactorType.DISTANCE_CHAIN, lambda chain: replace(chain, sigma=chain.sigma * [1.0, 3000.0])
-    )
-    judged = wheel_scale(replace(constant, problem=replace(problem, families=families))).problem
-    chain = judged.family(FactorType.DISTANCE_CHAIN)
-    assert chain is not None
-    expected = declared if log_odds < 0.0 else _walking_at(edges, variance, declared)
-    np.testing.assert_allclose(chain.sigma, expected.sigma)
+    judged = chain_of(wheel_scale(walking(constant, 3000.0)).problem)
+    np.testing.assert_allclose(judged.sigma, _walking_at(edges, variance, chain_of(constant.declared)).sigma)
+
+
+def test_a_run_without_cells_has_a_constant_scale(constant: SmoothedStates, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("trackfg.smoothing.wheel_scale._edges", lambda *_: np.zeros(0, dtype=int))
+    judged = chain_of(wheel_scale(walking(constant, 3000.0)).problem)
+    np.testing.assert_array_equal(judged.sigma, chain_of(constant.declared).sigma)
 
 
 def test_a_scale_is_judged_again_only_where_what_shows_it_has_changed(

@@ -8,9 +8,14 @@ import numpy as np
 import pytest
 
 from trackfg.numerics.arrays import Array
-from trackfg.solver.scale_changes import scale_changes
+from trackfg.solver.scale_changes import WALKS, ScaleChanges, _effects, _with_walk, scale_changes
 
 SD = 1e-3
+
+
+def changes_of(information: Array, linear: Array, way_m: float = 0.0) -> ScaleChanges:
+    """The changes; without a way the scale does not walk beside them."""
+    return scale_changes(information, linear, np.full(len(linear), way_m))
 
 
 def measured(changes: Array, *, sd: float = SD, seed: int | None = 0) -> tuple[Array, Array]:
@@ -24,7 +29,7 @@ def measured(changes: Array, *, sd: float = SD, seed: int | None = 0) -> tuple[A
 def test_a_change_that_the_data_determine_is_where_it_was() -> None:
     changes = np.zeros(12)
     changes[5] = 0.01
-    found = scale_changes(*measured(changes))
+    found = changes_of(*measured(changes))
     assert found.log_odds > 10.0
     assert np.sqrt(found.variance[5]) == pytest.approx(0.01, rel=0.1)
     assert np.sqrt(np.delete(found.variance, 5)).max() < 1e-3
@@ -32,7 +37,7 @@ def test_a_change_that_the_data_determine_is_where_it_was() -> None:
 
 @pytest.mark.parametrize("seed", range(8))
 def test_a_constant_scale_changes_nowhere(seed: int) -> None:
-    found = scale_changes(*measured(np.zeros(40), seed=seed))
+    found = changes_of(*measured(np.zeros(40), seed=seed))
     assert found.log_odds < 3.0
     assert np.sqrt(found.variance.sum()) < 1e-3
 
@@ -44,8 +49,8 @@ def test_errors_that_are_larger_everywhere_are_noise() -> None:
     changes[20] = 0.02
     for seed in range(len(odds)):
         linear = design.T @ (2.5 * np.random.default_rng(seed).standard_normal(50))
-        odds[seed] = scale_changes(information, linear).log_odds
-        found = scale_changes(information, linear + information @ changes)
+        odds[seed] = changes_of(information, linear).log_odds
+        found = changes_of(information, linear + information @ changes)
         assert found.log_odds > 10.0
         assert np.sqrt(found.variance[18:23].sum()) == pytest.approx(0.02, rel=0.25)
     assert np.mean(odds > 3.0) <= 0.05
@@ -54,7 +59,7 @@ def test_errors_that_are_larger_everywhere_are_noise() -> None:
 def test_creep_has_its_begin_and_its_end() -> None:
     changes = np.zeros(40)
     changes[13], changes[27] = 0.01, -0.01
-    found = scale_changes(*measured(changes))
+    found = changes_of(*measured(changes))
     np.testing.assert_allclose(np.sqrt(found.variance[[13, 27]]), 0.01, rtol=0.1)
     assert np.sqrt(np.delete(found.variance, [13, 27])).max() < 1e-3
 
@@ -63,13 +68,75 @@ def test_places_that_the_data_do_not_distinguish_share_the_change() -> None:
     """One distance after three edges: the change was at one of them, and may have been at each."""
     design = np.array([[0.0, 1.0, 1.0, 1.0, 0.0]]) / 1e-4
     information = design.T @ design
-    found = scale_changes(information, information @ np.array([0.0, 0.01, 0.0, 0.0, 0.0]))
+    found = changes_of(information, information @ np.array([0.0, 0.01, 0.0, 0.0, 0.0]))
     np.testing.assert_allclose(found.variance[1:4], found.variance[2], rtol=1e-6)
     assert 0.01**2 < found.variance[1:4].sum() < 1.5 * 0.01**2  # creep that ceases is measured in part
 
 
+def test_a_walk_is_integrated_out_as_the_noise_that_it_is() -> None:
+    """The data leave N(estimate, I^-1); with a walk of variance D the effects are seen with I^-1 + D."""
+    rng = np.random.default_rng(3)
+    information, linear = measured(1e-3 * rng.standard_normal(6))
+    sd = rng.uniform(1e-4, 1e-3, 6)
+    gain, left, linear_left = _with_walk(information, linear, sd)
+    covariance, estimate = np.linalg.inv(information), np.linalg.solve(information, linear)
+    seen = covariance + np.diag(sd**2)
+    np.testing.assert_allclose(left, np.linalg.inv(seen), rtol=1e-9)
+    np.testing.assert_allclose(linear_left, np.linalg.solve(seen, estimate), rtol=1e-9)
+    log_normal = [
+        -0.5 * estimate @ np.linalg.solve(P, estimate) - 0.5 * np.linalg.slogdet(P)[1] for P in (seen, covariance)
+    ]
+    assert gain == pytest.approx(log_normal[0] - log_normal[1], rel=1e-9)
+
+
+@pytest.mark.parametrize("walk", WALKS[1:])
+@pytest.mark.parametrize("seed", range(4))
+def test_a_scale_that_walks_everywhere_is_allowed_to(walk: float, seed: int) -> None:
+    """A little at each of 50 edges, 200 m apart: no sum of a few changes explains it."""
+    changes = walk * np.sqrt(200.0) * np.random.default_rng([seed, 7]).standard_normal(50)
+    found = changes_of(*measured(changes, sd=1e-4, seed=seed), way_m=200.0)
+    assert np.sqrt(found.variance.sum()) == pytest.approx(np.sqrt(np.sum(changes**2)), rel=0.5)
+    assert np.mean(np.abs(changes) < 3.0 * np.sqrt(found.variance)) > 0.9
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_change_at_one_place_is_not_taken_for_a_walk(seed: int) -> None:
+    changes = np.zeros(50)
+    changes[20] = 0.01
+    found = changes_of(*measured(changes, sd=1e-4, seed=seed), way_m=200.0)
+    assert np.sqrt(found.variance[20]) == pytest.approx(0.01, rel=0.1)
+    assert np.sqrt(np.delete(found.variance, 20)).max() < 5e-4
+
+
+def test_the_evidence_is_a_bound_of_that_of_all_sums_of_two_effects() -> None:
+    information, linear = measured(np.array([0.0, 3e-3, 0.0, -3e-3]), sd=3e-3)
+    units = list(np.eye(4))
+    kinds = (units, [a - b for a, b in combinations(units, 2)])
+    single = [
+        (1.0 / (8.0 * len(kind)), np.sqrt(variance) * effect)
+        for kind in kinds
+        for effect in kind
+        for variance in np.square([1e-3, 3e-3, 1e-2, 2e-2])
+    ]
+
+    def likelihood(*effects: Array) -> float:
+        W = np.array(effects)
+        precision = np.eye(len(W)) + W @ information @ W.T
+        return float(
+            np.exp(0.5 * (W @ linear) @ np.linalg.solve(precision, W @ linear)) / np.sqrt(np.linalg.det(precision))
+        )
+
+    # Each further effect has half the prior odds: those beyond the second add less than 0.3 in all.
+    none, one = 1.0, sum(p * likelihood(w) for p, w in single)
+    two = sum(p * q * likelihood(w, v) for p, w in single for q, v in single)
+    exact = np.log(none + one + 0.5 * one + 0.5 * two)
+    bound = _effects(information, linear).log_evidence
+    assert bound < exact + 0.3
+    assert bound == pytest.approx(exact, abs=0.5)
+
+
 def test_no_edges_have_no_changes() -> None:
-    found = scale_changes(np.zeros((0, 0)), np.zeros(0))
+    found = changes_of(np.zeros((0, 0)), np.zeros(0))
     assert found.log_odds == -np.inf
     assert found.variance.shape == (0,)
 
@@ -88,6 +155,6 @@ def test_a_single_effect_has_its_exact_posterior() -> None:
                 factor = np.exp(0.5 * left**2 * shrunk) / np.sqrt(1.0 + variance * own) / (8.0 * len(kind))
                 weight += factor
                 second += factor * effect**2 * (shrunk + (shrunk * left) ** 2)
-    found = scale_changes(information, linear)
+    found = changes_of(information, linear)
     assert found.log_odds == pytest.approx(np.log(weight), abs=0.5)
     assert (found.variance > 0.5 * second / (1.0 + weight)).all()
