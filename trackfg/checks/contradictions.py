@@ -421,7 +421,7 @@ def _turns(recording: Recording, course: Slope | None) -> list[Finding]:
 
 def _fixes(recording: Recording, positions: PositionFit, limits: CheckLimits) -> list[Finding]:
     fixes, delay = recording.description.fixes, positions.fix_delay
-    if fixes is None or delay is None or abs(delay.delay_s) <= max(limits.delay_s, 4.0 * delay.sd_s):
+    if fixes is None or delay is None or not delay.is_sure or abs(delay.delay_s) <= limits.delay_s:
         return []
     message = f"fixes come {delay.delay_s:+.2f} s (sd {delay.sd_s:.2f} s) after the tach has passed their places"
     hint = f"set fixes.time_offset_s = {fixes.time_offset_s - delay.delay_s:.2f}"

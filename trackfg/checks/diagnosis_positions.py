@@ -2,7 +2,8 @@
 
 *Late:* speed from GNSS chords is correlated with that of the tach over the same intervals, as forward force is in
 :mod:`trackfg.checks.diagnosis_clock`. A fix that is tau late has a chainage c = c0 + s d(t - tau) for the tach's
-distance d, so that between fixes Delta c = s Delta d - s tau Delta v.
+distance d, so that between fixes Delta c = s Delta d - s tau Delta v. The fit has Cauchy's weights, and of a tag that
+is read again while it is passed the first row counts.
 
 *Turning:* the course of the chords turns as the yaw rate says, slope 1; -1 where east and north (or longitude and
 latitude) are exchanged, which mirrors the path.
@@ -11,6 +12,7 @@ latitude) are exchanged, which mirrors the path.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -18,9 +20,11 @@ import pandas as pd
 from trackfg.checks.diagnosis_clock import Lag, best_lag
 from trackfg.checks.diagnosis_speed import Slope, slope_of
 from trackfg.numerics.arrays import Array
+from trackfg.numerics.chi_square import widening_of_few
 from trackfg.numerics.integrals import trapezoid_integral
-from trackfg.numerics.robust import jackknife_sd
+from trackfg.numerics.robust import cauchy_fit, jackknife_sd
 from trackfg.numerics.spans import median_interval
+from trackfg.numerics.units import STANDARD_GRAVITY
 from trackfg.recording.model import Recording
 from trackfg.sensors.averages import averaged, band_passed
 
@@ -38,6 +42,15 @@ _MIN_CORRELATION = 0.7
 _MAX_LAG_S = 20.0
 _MAX_GAP_S = 5.0
 _FEWEST_FIXES = 6
+_READ_AGAIN_S = 1.0
+"""A tag that is read again within this was not left between, s: no vehicle turns back as fast."""
+_SURE_SIGMAS = 3.3
+"""Of a delay, within which it is chance, at the probability of 1e-3."""
+_CREEP = 0.05
+"""Sigma of how much a wheel creeps per force, 1/g, as ``tach.creep_per_traction_sd`` has it. A wheel that creeps by a
+share c of the force rolls further by ``c v Delta v / g`` while the vehicle becomes faster, as if fixes were late."""
+_ROUNDING = 1e-6
+"""Residuals of fixes in their sigmas are at least so large."""
 _FURTHER_ROUNDS = 3
 _SETTLED_S = 0.1
 """Rounds after which the delay must have settled, to so many s or its sigma."""
@@ -45,11 +58,31 @@ _SETTLED_S = 0.1
 
 @dataclass(frozen=True)
 class FixDelay:
-    """Fixes are stamped ``delay_s`` after their place was passed; ``slope``: of chainage on the tach's distance."""
+    """Fixes are stamped ``delay_s`` after their place was passed; ``slope``: of chainage on the tach's distance.
+
+    ``sd_s`` is that of leave-one-out (jackknife) values, which one wrong fix widens, and few do, and of the creep.
+    """
 
     delay_s: float
     sd_s: float
     slope: float
+
+    @property
+    def is_sure(self) -> bool:
+        """Return whether the fixes are surely late, or early."""
+        return abs(self.delay_s) > _SURE_SIGMAS * self.sd_s
+
+
+class FixPassages(NamedTuple):
+    """When fixes were stamped, ``t`` (n,), s, the ``distance`` then, m, the ``speed``, m/s, the ``chainage`` that they
+    give, m, and its sigma ``sd``, m.
+    """
+
+    t: Array
+    distance: Array
+    speed: Array
+    chainage: Array
+    sd: Array
 
 
 @dataclass(frozen=True)
@@ -169,30 +202,40 @@ def _chords(gnss: pd.DataFrame, ends: Array) -> Array:
 
 
 def fix_delay(tach: pd.DataFrame, fixes: pd.DataFrame) -> FixDelay | None:
-    """Return how late fixes are, by weighted least squares on the differences of successive fixes.
-
-    The sigma is that of leave-one-out (jackknife) values: one wrong fix widens it. None with fewer than six fixes
-    within the tach's time, or where all were passed at one speed.
-    """
+    """Return how late fixes are on the clock of a tach; None as of :func:`delay_of`."""
     t, distance = tach["t_s"].to_numpy(), tach["distance_m"].to_numpy()
     inside = fixes[(fixes["t_s"] > t[0] + 1.0) & (fixes["t_s"] < t[-1] - 1.0)]
-    if len(inside) < _FEWEST_FIXES:
-        return None
     at = inside["t_s"].to_numpy()
     speed = 0.5 * (np.interp(at + 1.0, t, distance) - np.interp(at - 1.0, t, distance))
-    A = np.column_stack([np.diff(np.interp(at, t, distance)), -np.diff(speed)])
-    b = np.diff(inside["chainage_m"].to_numpy())
-    sd = np.hypot(*(inside["chainage_sd_m"].to_numpy()[k] for k in (slice(1, None), slice(None, -1))))
-    A, b = A / sd[:, None], b / sd
+    shown = (inside[name].to_numpy() for name in ("chainage_m", "chainage_sd_m"))
+    return delay_of(FixPassages(at, np.interp(at, t, distance), speed, *shown))
+
+
+def delay_of(passages: FixPassages, creep_sd: float = _CREEP) -> FixDelay | None:
+    """Return how late fixes are, by the differences of successive ones.
+
+    ``creep_sd``: how well it is known how much the wheel, by which the distance was measured, creeps per force, 1/g.
+    None with fewer than six fixes, or where all were passed at one speed.
+    """
+    if not len(passages.t):
+        return None
+    read_again = (np.diff(passages.t) <= _READ_AGAIN_S) & (np.diff(passages.chainage) == 0.0)
+    first = np.concatenate([[True], ~read_again])
+    _, distance, speed, chainage, sd = (of[first] for of in passages)
+    if len(distance) < _FEWEST_FIXES:
+        return None
+    sd = np.hypot(sd[1:], sd[:-1])
+    A, b = np.column_stack([np.diff(distance), -np.diff(speed)]) / sd[:, None], np.diff(chainage) / sd
     if np.linalg.matrix_rank(A) < 2:
         return None
 
     def solved(kept: np.ndarray) -> tuple[float, float]:
-        slope, product = np.linalg.lstsq(A[kept], b[kept], rcond=None)[0]
+        (slope, product), _ = cauchy_fit(A[kept], b[kept], np.full(2, np.inf), _ROUNDING)
         return float(slope), float(product / slope) if slope != 0.0 else np.nan
 
     everything = np.ones(b.size, dtype=np.bool_)
     slope, delay = solved(everything)
     others = np.array([solved(np.arange(b.size) != i)[1] for i in range(b.size)])
-    sd_s = jackknife_sd(others, delay)
+    chance = widening_of_few(b.size - 2) * jackknife_sd(others, delay)
+    sd_s = float(np.hypot(chance, creep_sd * np.mean(np.abs(speed)) / STANDARD_GRAVITY))
     return FixDelay(delay, sd_s, slope) if np.isfinite(sd_s) and np.isfinite(delay) else None

@@ -54,6 +54,7 @@ from trackfg.results.verdict import Verdict, widening
 from trackfg.results.widening import widened, widened_passages, widened_places
 from trackfg.sensors.displacement import RailView, rail_views
 from trackfg.smoothing.doubts.judgement import judged
+from trackfg.smoothing.doubts.late_fix_doubts import late_fix_doubts
 from trackfg.smoothing.doubts.recording_doubts import recording_doubts, recording_findings
 from trackfg.smoothing.fixes.balise_fixes import balise_findings, with_balise_fixes
 from trackfg.smoothing.fixes.wrong_fixes import with_consensus
@@ -253,7 +254,7 @@ def smooth_states(
             solved = of_line.run
         with stages.stage("check"):
             findings = checked.result()
-            doubts = (*recording_doubts(recording, findings), *solved.doubts)
+            doubts = (*recording_doubts(recording, findings), *solved.doubts, *late_fix_doubts(solved, recording.fixes))
     better = lowered_levels(solved.declared.run.noise, declared_noise(recording.description, config))
     miscount = miscounted(solved.problem.wheel, config.tach.creep_m_per_sqrt_m)
     of_solution = with_antenna_named(solved.findings, recording.description.gnss)

@@ -20,6 +20,7 @@ module                  content
 ``accelerometer_test``  whether the accelerometer is later than the gyro
 ``bandwidth_test``      whether the sensor is too slow for the waves of the track
 ``axle_test``           whether the sensor is on a frame of two axles
+``fix_delay_test``      whether fixes are late
 ``cut_test``            whether a body on springs may have cut curves
 ``doubts``              when a stream reports what it doubts
 ``far_priors``          whether a clock or the accelerometer is off by more than was declared

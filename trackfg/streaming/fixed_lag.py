@@ -46,6 +46,7 @@ from trackfg.streaming.checkpoint.snapshot import Snapshot, dump, load_attribute
 from trackfg.streaming.cut_test import CutTest
 from trackfg.streaming.doubts import Doubts
 from trackfg.streaming.far_priors import prior_doubts
+from trackfg.streaming.fix_delay_test import FixDelayTest
 from trackfg.streaming.lean_test import LeanTest
 from trackfg.streaming.locating.map_locator import MapLocator
 from trackfg.streaming.outages import Outage, distance_after, outage_after
@@ -147,6 +148,7 @@ class FixedLagSmoother:
     _accelerometer_test: AccelerometerTest
     _bandwidth_test: BandwidthTest
     _axle_test: AxleTest
+    _fix_delay_test: FixDelayTest
     _cut_test: CutTest
     _doubts: Doubts
 
@@ -185,6 +187,7 @@ class FixedLagSmoother:
         self._track_cells, self._roll_test, self._lean_test = TrackCells(), RollTest(), LeanTest()
         self._accelerometer_test, self._bandwidth_test = AccelerometerTest(), BandwidthTest()
         self._axle_test, self._cut_test, self._doubts = AxleTest(), CutTest(), Doubts()
+        self._fix_delay_test = FixDelayTest()
 
     def put(self, rows: Rows) -> Estimates:
         """Take the next rows and return the estimates that they make."""
@@ -225,6 +228,7 @@ class FixedLagSmoother:
         doubts = self._sigma_test.events(until, positions=description.gnss is not None)
         doubts += (*self._roll_test.events(until), *self._lean_test.events(until), *self._cut_test.events(until))
         doubts += fix_doubts(self._moving.votes.tested, self._moving.votes.squares, until)
+        doubts += self._fix_delay_test.events(until)
         if running is not None:
             doubts += self._vibration_test.events(until, running.context.conventions)
             doubts += (*self._accelerometer_test.events(until), *self._bandwidth_test.events(until))
@@ -321,6 +325,9 @@ class FixedLagSmoother:
 
     def _test_trajectory(self, smoothed: pd.DataFrame) -> None:
         self._sigma_test.put(smoothed)
+        if len(smoothed):
+            t = smoothed["t_s"].to_numpy()
+            self._fix_delay_test.put(smoothed, self._buffer.other_rows_between(float(t[0]) - 1.0, float(t[-1])).fixes)
         cells = self._track_cells.put(smoothed)
         self._roll_test.put(cells)
         if self._buffer.description.imu.rigid:

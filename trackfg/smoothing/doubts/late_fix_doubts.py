@@ -1,0 +1,66 @@
+"""Fixes that are late place the vehicle too far back, and no residual says so.
+
+A reader on a bus or a serial line is late by tenths of a second, and the chainage off by what the vehicle moves
+meanwhile. All fixes err alike where speeds are alike: none contradicts another. What changes with the speed shows the
+delay (:func:`trackfg.checks.diagnosis_positions.delay_of`): on the way that the smoothed speed makes, of which the
+creep under force is known best; or on that of the wheel alone, since a graph may explain late fixes by creep.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pandas as pd
+
+from trackfg.checks.diagnosis_positions import FixDelay, FixPassages, delay_of
+from trackfg.factors.motion import mount_matrix
+from trackfg.factors.odometry import SPEED_OFFSET
+from trackfg.factors.states import Kind
+from trackfg.numerics.arrays import Array
+from trackfg.numerics.integrals import trapezoid_integral
+from trackfg.output.trajectory import QUANTITIES, keyframe_variances
+from trackfg.results.verdict import Doubt
+from trackfg.smoothing.doubts.vibration_doubts import LEAST_WIDENING
+from trackfg.smoothing.reassessment import SolvedRun
+
+
+def late_fix_doubts(run: SolvedRun, fixes: pd.DataFrame | None) -> list[Doubt]:
+    """Return the doubt of the chainage where the ``fixes`` that placed it are surely late."""
+    if fixes is None:
+        return []
+    states, t = run.solution.states, run.problem.t
+    speed = states.nav.own_velocity @ mount_matrix(states.mount)[0, :, 0]
+    variance = keyframe_variances(states, run.covariance, run.problem.run.lever_arm)[:, QUANTITIES.index("chainage_m")]
+    at, chainage, sd = fixes[["t_s", "chainage_m", "chainage_sd_m"]].to_numpy().T
+    inside = (at > t[0]) & (at < t[-1])
+    of_fixes = (at[inside], np.interp(at[inside], t, speed), chainage[inside], sd[inside])
+    creep_sd = float(np.sqrt(np.diagonal(run.covariance.of(Kind.WHEEL)[0])[SPEED_OFFSET - 2 : SPEED_OFFSET].max()))
+    delays = [delay_of(_passages(np.interp(at[inside], t, trapezoid_integral(t, speed)), *of_fixes), creep_sd)]
+    if run.problem.wheel is not None:
+        rolled = run.problem.wheel.at(at[inside] - states.clock[0, 0])
+        delays.append(delay_of(_passages(rolled, *of_fixes)))
+    delay = next((one for one in delays if one is not None and one.is_sure), None)
+    if delay is None:
+        return []
+    factor = moved_in_sigmas(delay, of_fixes[1], np.interp(at[inside], t, variance))
+    if factor < LEAST_WIDENING:
+        return []
+    return [Doubt(("chainage",), factor, late_in_words(delay), f"add {-delay.delay_s:.2f} to fixes.time_offset_s")]
+
+
+def _passages(distance: Array, t: Array, speed: Array, chainage: Array, sd: Array) -> FixPassages:
+    return FixPassages(t, distance, speed, chainage, sd)
+
+
+def moved_in_sigmas(delay: FixDelay, speed: Array, variance: Array) -> float:
+    """Return by how much the delay of fixes, passed at a ``speed`` (n,), m/s, widens the chainage, whose ``variance``
+    there is (n,), m^2.
+    """
+    moved = delay.delay_s * float(np.mean(speed))
+    return math.sqrt(1.0 + moved**2 * float(np.mean(1.0 / variance)))
+
+
+def late_in_words(delay: FixDelay) -> str:
+    """Say how late fixes are."""
+    return f"fixes come {delay.delay_s:+.2f} s (sigma {delay.sd_s:.2f} s) after their places were passed"
