@@ -14,7 +14,8 @@ beside gravity, with a delay T of the force. Least squares give b, with the sigm
 blocks, as in :mod:`~trackfg.sensors.imu_filters.accelerometer_clock`. Noise of the gyro makes the short waves of p
 larger than they are, and b with them: a share e of noise in the power of p, by e / k^2 at most. The share of the
 force's power that is not explained is not less than e, and the noise that the samples show not either, so that so much
-of b may be noise.
+of b may be noise. Vibration is no white noise: what the samples show of it may be several times what there is in the
+band. So equation and noise together have to explain the force's power to a tenth.
 
 What neither the equation nor the noise of the samples explains of the force is motion of the sensor's own: a body on
 springs turns and moves otherwise than the track does. White noise of the density N in a mean over the time T has the
@@ -164,7 +165,8 @@ def axles(sums: TrackSums) -> Axles | None:
     of_rate, of_force = sums.noise.sum(axis=0)
     noise = min((1.0 - fit.explained) * fit.whole[0, 0], of_rate) / fit.whole[1, 1]
     bend = fit.ratio - noise
-    if fit.explained + of_force / fit.power < _LEAST_EXPLAINED or bend < _SURE_SIGMAS * fit.sd:
+    left = 1.0 - fit.explained - of_force / fit.power
+    if abs(left) > 1.0 - _LEAST_EXPLAINED or bend < _SURE_SIGMAS * fit.sd:
         return None
     return Axles(math.sqrt(12.0 * bend))
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
@@ -9,6 +10,9 @@ import pandas as pd
 import pytest
 
 import trackfg
+from trackfg.datasets.catalogue import scenario
+from trackfg.datasets.effects.catalogue import effect
+from trackfg.datasets.scenarios import simulate
 from trackfg.numerics.arrays import Array
 from trackfg.recording.description import RecordingDescription
 from trackfg.recording.model import IMU_COLUMNS, Recording
@@ -104,6 +108,15 @@ def test_one_axle_misses_nothing() -> None:
 def test_noise_of_the_force_is_no_motion_of_its_own(force_white: float) -> None:
     result, _ = smoothed(0.0, force_white)
     assert not any("force upwards" in reason for verdict in result.summary.verdicts for reason in verdict.reasons)
+
+
+def test_vibration_is_no_frame() -> None:
+    """What the samples show of it is no white noise: several times what there is on waves of 8 to 30 m."""
+    plan = replace(scenario("mainline"), effects=(effect("rectification", 0.001),))
+    verdicts = trackfg.smooth(simulate(plan, seed=2, duration_s=400.0).recording).summary.verdicts
+    reasons = [reason for verdict in verdicts for reason in verdict.reasons]
+    assert any("vibrates" in reason for reason in reasons)
+    assert not any("axles" in reason for reason in reasons)
 
 
 def test_a_body_that_moves_otherwise_than_the_track_has_no_geometry_to_trust() -> None:
