@@ -34,23 +34,22 @@ def late_fix_doubts(run: SolvedRun, fixes: pd.DataFrame | None) -> list[Doubt]:
     variance = keyframe_variances(states, run.covariance, run.problem.run.lever_arm)[:, QUANTITIES.index("chainage_m")]
     at, chainage, sd = fixes[["t_s", "chainage_m", "chainage_sd_m"]].to_numpy().T
     inside = (at > t[0]) & (at < t[-1])
-    of_fixes = (at[inside], np.interp(at[inside], t, speed), chainage[inside], sd[inside])
+    passed, chainage, sd = at[inside], chainage[inside], sd[inside]
+    passages = FixPassages(
+        passed, np.interp(passed, t, trapezoid_integral(t, speed)), np.interp(passed, t, speed), chainage, sd
+    )
     creep_sd = float(np.sqrt(np.diagonal(run.covariance.of(Kind.WHEEL)[0])[SPEED_OFFSET - 2 : SPEED_OFFSET].max()))
-    delays = [delay_of(_passages(np.interp(at[inside], t, trapezoid_integral(t, speed)), *of_fixes), creep_sd)]
+    delays = [delay_of(passages, creep_sd)]
     if run.problem.wheel is not None:
-        rolled = run.problem.wheel.at(at[inside] - states.clock[0, 0])
-        delays.append(delay_of(_passages(rolled, *of_fixes)))
+        rolled = run.problem.wheel.at(passed - states.clock[0, 0])
+        delays.append(delay_of(passages._replace(distance=rolled)))
     delay = next((one for one in delays if one is not None and one.is_sure), None)
     if delay is None:
         return []
-    factor = moved_in_sigmas(delay, of_fixes[1], np.interp(at[inside], t, variance))
+    factor = moved_in_sigmas(delay, passages.speed, np.interp(passed, t, variance))
     if factor < LEAST_WIDENING:
         return []
     return [Doubt(("chainage",), factor, late_in_words(delay), f"add {-delay.delay_s:.2f} to fixes.time_offset_s")]
-
-
-def _passages(distance: Array, t: Array, speed: Array, chainage: Array, sd: Array) -> FixPassages:
-    return FixPassages(t, distance, speed, chainage, sd)
 
 
 def moved_in_sigmas(delay: FixDelay, speed: Array, variance: Array) -> float:
