@@ -50,7 +50,7 @@ from trackfg.interchange.importing.proposals.receiver_speed_proposal import prop
 from trackfg.interchange.importing.proposals.tach_proposal import propose_speeds_over_ground, propose_tach
 from trackfg.interchange.importing.source_table import SourceTable
 from trackfg.interchange.importing.stations import bare_unit, place_columns
-from trackfg.interchange.importing.times import TimeNotation, is_zone, read_times
+from trackfg.interchange.importing.times import is_zone, times_by_keys
 from trackfg.io.features import LOCAL
 from trackfg.numerics.chainage.km_notation import metres_of
 
@@ -245,16 +245,12 @@ def _are_computed(table: SourceTable) -> bool:
     if columns is None or len(columns) != 1 or len(table.frame) < _COMPUTED_ROWS:
         return False
     try:
-        t = read_times(table, columns, _notation(time_unit(table, columns)))
+        t = times_by_keys(table, {"time": columns, **time_unit(table, columns)})
     except BadInputError:
         return False
     steps = np.diff(t.since(t.first_ns))
     usual = float(np.median(steps))
     return 0.0 < usual <= _COMPUTED_S and bool(np.mean(np.abs(steps - usual) < 0.2 * usual) > 0.9)
-
-
-def _notation(keys: dict[str, Any]) -> TimeNotation:
-    return TimeNotation(keys.get("time_unit"), tick_s=keys.get("tick_s"))
 
 
 def _places(proposal: Proposal, table: SourceTable, section: str) -> dict[str, Any]:

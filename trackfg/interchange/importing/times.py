@@ -8,9 +8,10 @@ from __future__ import annotations
 
 import contextlib
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, date, datetime, time, tzinfo
+from typing import Any
 from zoneinfo import ZoneInfo, ZoneInfoNotFoundError
 
 import numpy as np
@@ -233,6 +234,15 @@ def stated_day(remarks: Iterable[str]) -> date | None:
         with contextlib.suppress(ValueError):
             dates.add(date(year, month, day))
     return dates.pop() if len(dates) == 1 else None
+
+
+def times_by_keys(table: SourceTable, keys: Mapping[str, Any]) -> Times:
+    """Read a table's times by the keys of a section of a mapping: ``time``, one column or several, and where there are
+    such ``time_unit``, ``time_format``, ``time_zone`` and ``tick_s``. Raises as :func:`read_times` does.
+    """
+    columns = (keys["time"],) if isinstance(keys["time"], str) else tuple(keys["time"])
+    names = {"unit": "time_unit", "format": "time_format", "zone": "time_zone", "tick_s": "tick_s"}
+    return read_times(table, columns, TimeNotation(**{name: keys[key] for name, key in names.items() if key in keys}))
 
 
 def read_times(table: SourceTable, columns: tuple[str, ...], notation: TimeNotation) -> Times:

@@ -11,7 +11,7 @@ from trackfg.errors import BadInputError
 from trackfg.interchange.importing.proposals.questions import Ask, Proposal, Question, asked
 from trackfg.interchange.importing.source_table import SourceTable
 from trackfg.interchange.importing.stated_start import stated_start
-from trackfg.interchange.importing.times import TimeNotation, Times, is_zone, read_times
+from trackfg.interchange.importing.times import Times, is_zone, times_by_keys
 
 _FIRST_ROWS = 100
 """Rows that show whether a table has dates."""
@@ -52,18 +52,9 @@ def _clocks(proposal: Proposal, tables: Sequence[SourceTable]) -> Iterator[tuple
             continue
         part = replace(table, frame=table.frame.head(_FIRST_ROWS))
         try:
-            yield section, table, read_times(part, _columns(section), _notation(section))
+            yield section, table, times_by_keys(part, section)
         except BadInputError:  # reading it whole says so
             continue
-
-
-def _columns(section: dict[str, Any]) -> tuple[str, ...]:
-    return (section["time"],) if isinstance(section["time"], str) else tuple(section["time"])
-
-
-def _notation(section: dict[str, Any]) -> TimeNotation:
-    keys = {"unit": "time_unit", "format": "time_format", "zone": "time_zone", "tick_s": "tick_s"}
-    return TimeNotation(**{name: section[key] for name, key in keys.items() if key in section})
 
 
 def _date(answer: str) -> datetime | None:

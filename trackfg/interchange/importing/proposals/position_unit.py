@@ -13,7 +13,7 @@ from trackfg.interchange.importing.columns.column_names import parts_of
 from trackfg.interchange.importing.columns.written_units import factor_of, unit_in
 from trackfg.interchange.importing.proposals.questions import Ask, Proposal, Question
 from trackfg.interchange.importing.source_table import SourceTable
-from trackfg.interchange.importing.times import TimeNotation, read_times
+from trackfg.interchange.importing.times import times_by_keys
 from trackfg.numerics import geodesy
 from trackfg.numerics.units import KMH, KNOT, MPH
 
@@ -72,9 +72,7 @@ def _as_fast_as_speeds(proposal: Proposal, table: SourceTable, plan: tuple[str, 
     name = first_of(table, "speed")
     if name is None:
         return None
-    keys = proposal.times_of(table)
-    columns = (keys["time"],) if isinstance(keys["time"], str) else tuple(keys["time"])
-    times = read_times(table, columns, TimeNotation(keys.get("time_unit"), tick_s=keys.get("tick_s")))
+    times = times_by_keys(table, proposal.times_of(table))
     speed, values = table.numbers(name), np.stack([table.numbers(column) for column in plan], axis=1)
     known = np.isfinite(speed) & np.isfinite(values).all(axis=1) & (values != 0.0).all(axis=1)
     t, speed, values = times.since(times.first_ns)[known], speed[known], values[known]

@@ -20,7 +20,7 @@ from trackfg.interchange.importing.proposals.questions import Ask, Proposal, Que
 from trackfg.interchange.importing.proposals.receiver_speed_proposal import NAMED_AFTER_RECEIVERS, NOT_MEASURED
 from trackfg.interchange.importing.pulse_levels import are_levels
 from trackfg.interchange.importing.source_table import ROW_NUMBER, SourceTable
-from trackfg.interchange.importing.times import TimeNotation, read_times
+from trackfg.interchange.importing.times import times_by_keys
 from trackfg.interchange.importing.wheel_count import unwrapped_count
 from trackfg.numerics.chainage.passes import only_falls
 
@@ -203,10 +203,8 @@ def _of_falls(proposal: Proposal, table: SourceTable, section: dict[str, Any]) -
 
 def _can_be_of_each_row(table: SourceTable, section: dict[str, Any], values: np.ndarray) -> bool:
     """Return whether a vehicle could roll that much from each row to the next."""
-    columns = [section["time"]] if isinstance(section["time"], str) else section["time"]
-    notation = TimeNotation(section.get("time_unit"), tick_s=section.get("tick_s"))
     try:
-        t = read_times(table, tuple(columns), notation).since(None)
+        t = times_by_keys(table, section).since(None)
     except BadInputError:
         return True
     interval = float(t[-1] - t[0]) / max(t.size - 1, 1)

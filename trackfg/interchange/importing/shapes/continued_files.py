@@ -13,7 +13,7 @@ import pandas as pd
 from trackfg.errors import BadInputError
 from trackfg.interchange.importing.columns.time_columns import time_columns, time_unit
 from trackfg.interchange.importing.source_table import SourceTable
-from trackfg.interchange.importing.times import TimeNotation, Times, read_times
+from trackfg.interchange.importing.times import Times, times_by_keys
 
 _PAUSE_S = 2.0
 """A logger may lose samples while it opens the next file, s; runs of their own are further apart."""
@@ -89,5 +89,4 @@ def _times(table: SourceTable) -> Times:
     columns = time_columns(table)
     if columns is None:
         raise BadInputError(f"{table.name}: no column of times found; expected one")
-    unit = time_unit(table, columns)
-    return read_times(table, columns, TimeNotation(unit.get("time_unit"), tick_s=unit.get("tick_s")))
+    return times_by_keys(table, {"time": columns, **time_unit(table, columns)})
