@@ -173,10 +173,8 @@ def _status_line(*, shown: bool) -> Iterator[Callable[[StreamStep], None]]:
 
 def _status(step: StreamStep) -> str:
     newest = step.estimates.filtered.iloc[-1]
-    place, speed = (
-        round(value, 1) + 0.0 for value in (newest["chainage_m"], 3.6 * newest["speed_mps"])
-    )  # without -0.0
-    return f"{newest['t_s']:.1f} s {place:.1f} m {speed:.1f} km/h delay {step.delay_s or 0.0:.1f} s"
+    place, speed = newest["chainage_m"], 3.6 * newest["speed_mps"]
+    return f"{newest['t_s']:.1f} s {place:z.1f} m {speed:z.1f} km/h delay {step.delay_s or 0.0:.1f} s"
 
 
 _NEVER_ADDED = "a stream is never added to another"

@@ -75,8 +75,8 @@ def _with_walk(information: Array, linear: Array, sd: Array) -> tuple[float, Arr
     """Return the gain in log likelihood by independent changes of this ``sd`` (c,) at the edges, and the information
     and linear term that are left of the data when these are integrated out.
     """
-    gain = sd[:, None] * np.linalg.inv(np.eye(len(sd)) + sd[:, None] * information * sd) * sd
-    log_determinant = np.linalg.slogdet(np.eye(len(sd)) + sd[:, None] * information * sd)[1]
+    K = np.eye(len(sd)) + sd[:, None] * information * sd
+    gain, log_determinant = sd[:, None] * np.linalg.inv(K) * sd, np.linalg.slogdet(K)[1]
     left = information - information @ gain @ information
     return 0.5 * float(linear @ gain @ linear - log_determinant), left, linear - information @ (gain @ linear)
 

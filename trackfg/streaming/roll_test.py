@@ -3,8 +3,8 @@
 Of the cells along the way (:mod:`trackfg.streaming.track_cells`) only those are kept of which it is not known yet
 whether they are on a straight.
 
-The roll of a stream becomes surer as it goes on, and errs alike in all cells. So each cell of variance V has the weight
-``1 / V`` in the mean; that of n cells errs by ``n / sum(1 / V)`` at most, by the inequality of Cauchy and Schwarz.
+The variance V of a cell's roll falls as the stream goes on, and the errors of all cells are fully correlated. The mean
+has the weights ``1 / V``, so that its variance is ``n / sum(1 / V)`` at most (Cauchy and Schwarz).
 """
 
 from __future__ import annotations

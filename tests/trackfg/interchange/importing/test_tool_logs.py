@@ -1,4 +1,4 @@
-"""Logs of cameras, evaluation kits, measuring programs and spreadsheets of other languages; what is said of them."""
+"""Import of logs of cameras, evaluation kits and measuring programs, and of spreadsheets in other languages."""
 
 from __future__ import annotations
 
