@@ -39,7 +39,7 @@ from trackfg.numerics.arrays import Array
 from trackfg.recording.findings import Finding
 from trackfg.smoothing.fixes.wrong_fixes import with_fixes
 from trackfg.smoothing.reassessment import Reassessment, SolvedRun
-from trackfg.solver.scale_changes import WALKS, scale_changes
+from trackfg.solver.scale_changes import WALKS, log_odds_of_change, variance_of_changes
 from trackfg.solver.scale_evidence import CLEARLY, ScaleEvidence
 
 _CELL_S = 10.0
@@ -76,8 +76,32 @@ def wheel_scale(run: SolvedRun) -> Reassessment:
         return Reassessment(problem, _findings(run))
     states, walks = run.solution.states, not np.isclose(faster[0], 1.0)
     constant, edges = chain.with_sigma(declared.sigma), _edges(problem.t, states.odo.distance)
+    families, evidence = _with_likelier_offset(problem, states, constant)
+    walk, judged = run.config.tach.scale_walk_per_sqrt_m, constant
+    if len(edges):
+        information, linear = evidence.on_changes(constant, edges)
+        if walks:
+            way = _declared_at(edges, constant)[1] / walk**2
+            judged = _walking_at(edges, variance_of_changes(information, linear, way), constant)
+        elif log_odds_of_change(information, linear) > CLEARLY:
+            judged = _walking_everywhere(evidence, constant, walk)
+    if (judged.sigma == chain.sigma).all() and _offset_sd(families) == _offset_sd(problem.families):
+        return Reassessment(problem, _findings(run))
+    problem = replace(problem, families=changed(families, FactorType.DISTANCE_CHAIN, lambda _: judged))
+    if not walks:
+        problem = _with_fixes_again(problem, states)
+    return Reassessment(problem, _findings(run), changed=True, far=not walks)
+
+
+def _with_likelier_offset(
+    problem: Problem, states: States, constant: Family
+) -> tuple[tuple[Family, ...], ScaleEvidence]:
+    """Return the problem's families, and the evidence by them, with a free offset of a speed signal where the data
+    show one while the scale is ``constant``.
+    """
+    wheel = problem.wheel
     # A speed signal whose rows show steps has a free offset already.
-    may_have_offset = problem.wheel.integrates_speed and problem.wheel.offset_sd_mps == 0.0
+    may_have_offset = wheel is not None and wheel.integrates_speed and wheel.offset_sd_mps == 0.0
     families = _with_offset(problem.families, SET_OFFSET_SD_MPS) if may_have_offset else tuple(problem.families)
     evidence = ScaleEvidence.of(problem.inertial, families, states)
     if may_have_offset:
@@ -85,20 +109,8 @@ def wheel_scale(run: SolvedRun) -> Reassessment:
         beside = ScaleEvidence.of(problem.inertial, with_offset, states)
         occam = np.log(_OFFSET_SD_MPS / SET_OFFSET_SD_MPS)  # the likelihoods are without the sigmas of priors
         if beside.log_likelihood(constant) - occam > evidence.log_likelihood(constant) + CLEARLY:
-            families, evidence = with_offset, beside
-    walk = run.config.tach.scale_walk_per_sqrt_m
-    changes = scale_changes(*evidence.on_changes(constant, edges), _declared_at(edges, constant)[1] / walk**2)
-    judged = constant
-    if walks and len(edges):
-        judged = _walking_at(edges, changes.variance, constant)
-    elif changes.log_odds > CLEARLY:
-        judged = _walking_everywhere(evidence, constant, walk)
-    if (judged.sigma == chain.sigma).all() and _offset_sd(families) == _offset_sd(problem.families):
-        return Reassessment(problem, _findings(run))
-    problem = replace(problem, families=changed(families, FactorType.DISTANCE_CHAIN, lambda _: judged))
-    if not walks:
-        problem = _with_fixes_again(problem, states)
-    return Reassessment(problem, _findings(run), changed=True, far=not walks)
+            return with_offset, beside
+    return families, evidence
 
 
 def _was_judged(run: SolvedRun) -> bool:

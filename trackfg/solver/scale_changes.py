@@ -11,7 +11,8 @@ what the others explain, and a prior variance V, its place has the Bayes factor 
 
 and b there the mean ``V u / (1 + V L)`` and the variance ``V / (1 + V L)``. Each further effect is half as probable as
 the one before. Where the data do not determine the place, several share the probability, and each has the second
-moment of r that belongs to its share: the variance by which a scale that walks is to walk there.
+moment of r that belongs to its share: the variance by which a scale that walks is to walk there. Where the data leave
+the effects by more than their sigmas, all information is divided by s^2, the mean square of what is unexplained.
 
 Creep comes and goes with adhesion and load, too, by a little everywhere. So beside the effects the scale may walk, with
 a sigma of q sqrt(way). Integrated out, a walk with the covariance D leaves of the data's information I and linear term
@@ -38,26 +39,29 @@ _SDS = (1e-3, 3e-3, 1e-2, 2e-2)
 _MOST_EFFECTS = 12
 """Six creeps or so in a run leave as many effects again without probability."""
 _MOST_ROUNDS = 50
+"""Rounds of updates at most: those of data that determine the places settle within ten."""
 _SETTLED = 1e-6
 """The updates end when no mean changes by more: a thousandth of the least sigma."""
 _LOG_PRIOR = float(np.log(0.5))
 """Of an effect, and of a walk, against none."""
 
 
-class ScaleChanges(NamedTuple):
-    """``log_odds``: of the most probable effect against none. ``variance`` (c,): the second moment of r."""
+def log_odds_of_change(information: Array, linear: Array) -> float:
+    """Return the log odds of the most probable effect against none, of a scale that does not walk beside it.
 
-    log_odds: float
-    variance: Array
+    ``information`` (c, c) and ``linear`` term (c,) are those of the data on the changes at the edges.
+    """
+    return _effects(information, linear).log_odds if len(linear) else -np.inf
 
 
-def scale_changes(information: Array, linear: Array, way: Array) -> ScaleChanges:
-    """Return the changes at edges on which the data have this ``information`` (c, c) and ``linear`` term (c,).
+def variance_of_changes(information: Array, linear: Array, way: Array) -> Array:
+    """Return the second moment of the changes at the edges (c,), effects and walk together.
 
-    ``way`` (c,): the distance along which a scale that walks does so at each edge, m.
+    ``information`` (c, c) and ``linear`` term (c,) are those of the data; ``way`` (c,): the distance along which a
+    scale that walks does so at each edge, m.
     """
     if not len(linear):
-        return ScaleChanges(-np.inf, linear)
+        return linear
     constant = _effects(information, linear)
     information, linear = information / constant.level, linear / constant.level
     log_weights, variances = [constant.log_evidence], [constant.variance]
@@ -68,7 +72,7 @@ def scale_changes(information: Array, linear: Array, way: Array) -> ScaleChanges
         log_weights.append(log_likelihood + effects.log_evidence + _LOG_PRIOR - np.log(len(WALKS)))
         variances.append(of_walk + effects.variance)
     weights = np.exp(np.array(log_weights) - max(log_weights))
-    return ScaleChanges(constant.log_odds, weights @ np.array(variances) / weights.sum())
+    return np.asarray(weights @ np.array(variances) / weights.sum())
 
 
 def _with_walk(information: Array, linear: Array, sd: Array) -> tuple[float, Array, Array]:
@@ -82,7 +86,11 @@ def _with_walk(information: Array, linear: Array, sd: Array) -> tuple[float, Arr
 
 
 class _Effects(NamedTuple):
-    """``log_evidence``: the lower bound of the log likelihood, less that without any effect. ``level``: s^2."""
+    """The posterior of a sum of single effects.
+
+    ``log_odds`` of the most probable one; ``log_evidence``: the lower bound of the log likelihood, less that without
+    any effect; ``level``: s^2; ``variance`` (c,): the second moment of r.
+    """
 
     log_odds: float
     log_evidence: float
@@ -91,51 +99,76 @@ class _Effects(NamedTuple):
 
 
 def _effects(information: Array, linear: Array) -> _Effects:
-    """Return the posterior of a sum of single effects."""
-    count = len(linear)
-    begin, end = np.triu_indices(count, 1)
-    single = np.diagonal(information)
-    precision = np.maximum(np.concatenate([single, single[begin] + single[end] - 2.0 * information[begin, end]]), 0.0)
-    of_each_kind = np.repeat([1.0 / count, 1.0 / max(len(begin), 1)], [count, len(begin)])
-    log_prior = _LOG_PRIOR + np.log(of_each_kind / len(_SDS))
-    variance = np.square(_SDS)[:, None]
-
-    def updated(others: Array, number: int, level: float) -> tuple[float, Array, Array]:
-        """Return the log odds of an effect, and the first and second moments of its r; ``level``: s^2."""
-        left = (linear - information @ others) / level
-        left = np.concatenate([left, left[begin] - left[end]])
-        seen = variance * precision / level
-        shrunk = variance / (1.0 + seen)
-        log_weight = log_prior + 0.5 * (left**2 * shrunk - np.log1p(seen))
-        most = float(np.max(log_weight))
-        weight = np.exp(log_weight - most)
-        total = float(np.sum(weight))
-        log_odds = most + float(np.log(total)) - number * float(np.log(2.0))
-        probability = weight / total * np.exp(-np.logaddexp(0.0, -log_odds))
-        mean = shrunk * left
-        first, second = np.sum(probability * mean, axis=0), np.sum(probability * (mean**2 + shrunk), axis=0)
-        return log_odds, _at_edges(first, -1.0), _at_edges(second, 1.0)
-
-    def _at_edges(of_effects: Array, at_end: float) -> Array:
-        creeps = of_effects[count:]
-        at_ends = np.bincount(begin, creeps, count) + at_end * np.bincount(end, creeps, count)
-        return np.asarray(of_effects[:count] + at_ends)
-
+    """Return the posterior of a sum of single effects, each updated given the means of the others."""
+    count, single = len(linear), _SingleEffect.of(information, linear)
     means, moments = np.zeros((2, _MOST_EFFECTS, count))
     log_odds = np.zeros(_MOST_EFFECTS)
     estimate = np.linalg.lstsq(information, linear)[0]
     level = 1.0
     for _ in range(_MOST_ROUNDS):
-        last, off = means.copy(), estimate - means.sum(axis=0)
-        level = max(1.0, float(off @ information @ off) / count)
+        previous, unexplained = means.copy(), estimate - means.sum(axis=0)
+        level = max(1.0, float(unexplained @ information @ unexplained) / count)
         for number in range(_MOST_EFFECTS):
             others = means.sum(axis=0) - means[number]
-            log_odds[number], means[number], moments[number] = updated(others, number, level)
-        if np.max(np.abs(means - last)) < _SETTLED:
+            log_odds[number], means[number], moments[number] = single.posterior(others, number, level)
+        if np.max(np.abs(means - previous)) < _SETTLED:
             break
-    together = means.sum(axis=0)
+    mean = means.sum(axis=0)
     # Of each effect it is log(1 + odds), in which its product with each other one is taken off: twice in all.
-    products = together @ information @ together - np.einsum("ei,ij,ej->", means, information, means)
+    products = mean @ information @ mean - np.einsum("ei,ij,ej->", means, information, means)
     log_evidence = float(np.sum(np.logaddexp(0.0, log_odds)) + 0.5 * products / level)
-    second = together**2 + np.sum(moments - means**2, axis=0)
-    return _Effects(float(np.max(log_odds)), log_evidence, level, second)
+    second_moment = mean**2 + np.sum(moments - means**2, axis=0)
+    return _Effects(float(np.max(log_odds)), log_evidence, level, second_moment)
+
+
+class _SingleEffect(NamedTuple):
+    """One effect at any of the c edges, or creep between any two of the c (c - 1) / 2 pairs: k in all.
+
+    ``begin`` and ``end`` are the edges of each pair; ``precision`` (k,) is L of each, ``log_prior`` (k,) of each with
+    one of the sigmas.
+    """
+
+    information: Array
+    linear: Array
+    begin: np.ndarray
+    end: np.ndarray
+    precision: Array
+    log_prior: Array
+
+    @classmethod
+    def of(cls, information: Array, linear: Array) -> _SingleEffect:
+        count = len(linear)
+        begin, end = np.triu_indices(count, 1)
+        at_edge = np.diagonal(information)
+        of_pair = at_edge[begin] + at_edge[end] - 2.0 * information[begin, end]
+        of_each_kind = np.repeat([1.0 / count, 1.0 / max(len(begin), 1)], [count, len(begin)])
+        log_prior = _LOG_PRIOR + np.log(of_each_kind / len(_SDS))
+        return cls(information, linear, begin, end, np.maximum(np.concatenate([at_edge, of_pair]), 0.0), log_prior)
+
+    def posterior(self, others: Array, number: int, level: float) -> tuple[float, Array, Array]:
+        """Return the log odds of the effect of this ``number``, and the first and second moments of its r (c,).
+
+        ``others`` (c,): the mean of the other effects' sum; ``level``: s^2.
+        """
+        unexplained = (self.linear - self.information @ others) / level
+        unexplained = np.concatenate([unexplained, unexplained[self.begin] - unexplained[self.end]])
+        variance = np.square(_SDS)[:, None]
+        ratio = variance * self.precision / level
+        posterior_variance = variance / (1.0 + ratio)
+        log_weight = self.log_prior + 0.5 * (unexplained**2 * posterior_variance - np.log1p(ratio))
+        most = float(np.max(log_weight))
+        weight = np.exp(log_weight - most)
+        total = float(np.sum(weight))
+        log_odds = most + float(np.log(total)) - number * float(np.log(2.0))
+        probability = weight / total * np.exp(-np.logaddexp(0.0, -log_odds))
+        mean = posterior_variance * unexplained
+        first_moment = np.sum(probability * mean, axis=0)
+        second_moment = np.sum(probability * (mean**2 + posterior_variance), axis=0)
+        return log_odds, self._at_edges(first_moment, -1.0), self._at_edges(second_moment, 1.0)
+
+    def _at_edges(self, of_effects: Array, at_end: float) -> Array:
+        """Return the sum at each edge (c,) of effects (k,); ``at_end``: the factor of creep where it ceases."""
+        count = len(self.linear)
+        of_pairs = of_effects[count:]
+        creep = np.bincount(self.begin, of_pairs, count) + at_end * np.bincount(self.end, of_pairs, count)
+        return np.asarray(of_effects[:count] + creep)
