@@ -14,7 +14,7 @@ import pandas as pd
 from trackfg.numerics.arrays import Array
 from trackfg.results.events import DOUBT, Event
 from trackfg.smoothing.doubts.cut_doubts import CELLS, HINT, LEAST_SD_M, cut_per_cell, in_words
-from trackfg.smoothing.doubts.vibration_doubts import LEAST_WIDENING
+from trackfg.smoothing.doubts.usual_sigmas import LEAST_WIDENING
 
 
 @dataclass

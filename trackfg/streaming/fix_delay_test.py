@@ -12,7 +12,7 @@ from trackfg.numerics.arrays import Array
 from trackfg.numerics.integrals import trapezoid_integral
 from trackfg.results.events import DOUBT, Event
 from trackfg.smoothing.doubts.late_fix_doubts import late_in_words, moved_in_sigmas
-from trackfg.smoothing.doubts.vibration_doubts import LEAST_WIDENING
+from trackfg.smoothing.doubts.usual_sigmas import LEAST_WIDENING
 
 _MOST = 300
 """So many of the newest fixes are kept: readers do not change."""

@@ -15,7 +15,8 @@ from trackfg.results.events import DOUBT, Event
 from trackfg.results.summary import GeometryConventions
 from trackfg.sensors.imu_intervals import Intervals
 from trackfg.sensors.short_vibration import Blocks
-from trackfg.smoothing.doubts.vibration_doubts import COLUMNS, HINT, visible_vibration
+from trackfg.smoothing.doubts.usual_sigmas import COLUMNS, inverse_squares, usual_sigma
+from trackfg.smoothing.doubts.vibration_doubts import HINT, visible_vibration
 
 _MOST_BLOCKS = 5000
 """Blocks that are kept, of 1.28 s each: two hours say how a sensor vibrates."""
@@ -23,8 +24,9 @@ _MOST_BLOCKS = 5000
 
 @dataclass
 class VibrationTest:
-    """The newest ``blocks``, and ``sums`` (3, 2): the number of sigmas of each of
-    :data:`~trackfg.smoothing.doubts.vibration_doubts.COLUMNS` and the sum of ``1 / sigma^2``, 1/mm^2.
+    """The test has the newest ``blocks`` of samples, and ``sums`` (3, 2): those of
+    :func:`~trackfg.smoothing.doubts.usual_sigmas.inverse_squares`, 1/mm^2, of each of
+    :data:`~trackfg.smoothing.doubts.usual_sigmas.COLUMNS`.
     """
 
     blocks: Blocks = field(default_factory=lambda: Blocks(np.zeros(0), np.zeros(0), np.zeros((0, 3))))
@@ -43,14 +45,13 @@ class VibrationTest:
             self.blocks = Blocks(*joined)
         of_track = columns_of(geometry)
         for i, column in enumerate(COLUMNS.values()):
-            weights = of_track[f"{column}_sd"] ** -2.0
-            self.sums[i] += [np.count_nonzero(~np.isnan(weights)), np.nansum(weights)]
+            self.sums[i] += inverse_squares(of_track[f"{column}_sd"])
 
     def events(self, until_s: float, conventions: GeometryConventions) -> tuple[Event, ...]:
         """Return an event for each quantity of the track that vibration hides, known at the end of a stream."""
         usual = {
-            name: float(np.sqrt(number / weights))
-            for name, (number, weights) in zip(COLUMNS, self.sums.tolist(), strict=True)
+            name: usual_sigma(number, inverse)
+            for name, (number, inverse) in zip(COLUMNS, self.sums.tolist(), strict=True)
             if number
         }
         shown = visible_vibration(self.blocks, usual, conventions)

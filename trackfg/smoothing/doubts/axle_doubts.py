@@ -23,7 +23,7 @@ from trackfg.factors.factor_type import FactorType
 from trackfg.numerics.arrays import Array
 from trackfg.results.verdict import Doubt, Quantity
 from trackfg.sensors.imu_filters.axles import Axles, axles, means, own_motion, track_sums
-from trackfg.smoothing.doubts.vibration_doubts import COLUMNS, LEAST_WIDENING
+from trackfg.smoothing.doubts.usual_sigmas import COLUMNS, LEAST_WIDENING, WaveSums
 from trackfg.smoothing.leaning_body import HINT, OF_TRACK
 from trackfg.smoothing.reassessment import SolvedRun
 
@@ -37,9 +37,8 @@ _FRAME_HINT = "put the sensor on one axle, or on a frame with axles closer to ea
 
 @dataclass(frozen=True)
 class Bends:
-    """How a geometry bends: of each column the number and the sum of squares of ``y''``, and the number of sigmas and
-    the sum of ``1 / sigma^2``, (5, 4). Squares of sigmas would be those of holes, where they are hundreds of times as
-    large.
+    """The ``sums`` (5, 4) are the :class:`~trackfg.smoothing.doubts.usual_sigmas.WaveSums` of ``y''`` of each column
+    of a geometry; y is in mm, the curvature in 1/m.
     """
 
     sums: Array
@@ -55,7 +54,7 @@ class Bends:
             for row, column in zip(sums, _ALL.values(), strict=True):
                 y, sd = geometry[column].to_numpy(), geometry[f"{column}_sd"].to_numpy()
                 bend = (y[2 * reach :] - 2.0 * y[reach:-reach] + y[: -2 * reach])[inside] / (reach * step_m) ** 2
-                row[:] = [np.isfinite(bend).sum(), np.nansum(bend**2), np.isfinite(sd).sum(), np.nansum(sd**-2.0)]
+                row[:] = WaveSums.of(bend, sd)
         return cls(sums)
 
     def __add__(self, other: Bends) -> Bends:
@@ -63,11 +62,12 @@ class Bends:
 
     def doubts(self, frame: Axles) -> Iterator[Doubt]:
         """Yield doubts of the quantities of which such a frame misses more than their sigmas."""
-        for (name, column), (number, bent, sigmas, weight) in zip(_ALL.items(), self.sums.tolist(), strict=True):
-            if not (number and sigmas):
+        for (name, column), row in zip(_ALL.items(), self.sums.tolist(), strict=True):
+            sums = WaveSums(*row)
+            if sums.is_empty:
                 continue
-            missing = frame.apart_m**2 / 8.0 * math.sqrt(bent / number)
-            factor = math.hypot(1.0, missing * math.sqrt(weight / sigmas))
+            missing = frame.apart_m**2 / 8.0 * sums.rms
+            factor = sums.widening(missing)
             if factor >= LEAST_WIDENING:
                 unit = column.rpartition("_")[2].replace("1pm", "1/m")
                 reason = f"the sensor is on a frame whose axles are {frame.apart_m:.1f} m apart"

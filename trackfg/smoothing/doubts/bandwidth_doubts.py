@@ -25,7 +25,7 @@ from trackfg.numerics.arrays import Array
 from trackfg.numerics.float_table import columns_of
 from trackfg.results.verdict import Doubt
 from trackfg.sensors.imu_filters.bandwidth import SHORTEST_D1_M, Bandwidths
-from trackfg.smoothing.doubts.vibration_doubts import COLUMNS, LEAST_WIDENING
+from trackfg.smoothing.doubts.usual_sigmas import COLUMNS, LEAST_WIDENING, WaveSums
 from trackfg.smoothing.reassessment import SolvedRun
 
 _FASTER = 0.05
@@ -39,9 +39,9 @@ _HINT = "filter the sensor less, or write rates and forces of its own rate, not 
 
 @dataclass(frozen=True)
 class ShortWaves:
-    """How fast a geometry was measured, and how it bends: the number of rows by whole m/s ``speeds`` (200,); of each of
-    :data:`~trackfg.smoothing.doubts.vibration_doubts.COLUMNS` the number and the sum of squares of ``v^2 y''``,
-    (mm/s^2)^2, and the number of sigmas and the sum of ``1 / sigma^2``, 1/mm^2: ``sums`` (3, 4).
+    """The ``speeds`` (200,) at which a geometry was measured are the number of rows by whole m/s; its ``sums`` (3, 4)
+    are the :class:`~trackfg.smoothing.doubts.usual_sigmas.WaveSums` of ``v^2 y''``, mm/s^2, of each of
+    :data:`~trackfg.smoothing.doubts.usual_sigmas.COLUMNS`.
     """
 
     speeds: Array
@@ -60,13 +60,7 @@ class ShortWaves:
         if len(speed) > 2:
             for row, column in zip(sums, COLUMNS.values(), strict=True):
                 bends = speed[1:-1] ** 2 * np.diff(columns[column], 2) / step_m**2
-                bends, sds = bends[along[1:] & along[:-1]], columns[f"{column}_sd"]
-                row[:] = [
-                    np.count_nonzero(np.isfinite(bends)),
-                    np.nansum(bends**2),
-                    np.count_nonzero(np.isfinite(sds)),
-                    np.nansum(sds**-2.0),
-                ]
+                row[:] = WaveSums.of(bends[along[1:] & along[:-1]], columns[f"{column}_sd"])
         return cls(speeds.astype(np.float64), sums)
 
     def __add__(self, other: ShortWaves) -> ShortWaves:
@@ -77,9 +71,9 @@ class ShortWaves:
         rates, forces = ("gyro", bandwidths.gyro_hz), ("accelerometer", bandwidths.accel_hz)
         made_of = {"twist": rates, "level": forces, "alignment": forces}
         speeds = np.arange(_FASTEST_MPS) + 0.5
-        for name, (number, bent, sigmas, weight) in zip(COLUMNS, self.sums.tolist(), strict=True):
-            sensor, hz = made_of[name]
-            if hz is None or not (number and sigmas):
+        for name, row in zip(COLUMNS, self.sums.tolist(), strict=True):
+            sums, (sensor, hz) = WaveSums(*row), made_of[name]
+            if hz is None or sums.is_empty:
                 continue
             reason = f"the {sensor}'s samples hold little above {hz:.2g} Hz"
             slowed = speeds > SHORTEST_D1_M * hz
@@ -88,8 +82,8 @@ class ShortWaves:
                 reason += f": at {fastest:.0f} m/s waves shorter than {fastest / hz:.1f} m are missing"
                 yield Doubt((name,), math.inf, reason, _HINT)
                 continue
-            missing = 0.5 * math.sqrt(bent / number) / (2.0 * math.pi * hz) ** 2
-            factor = math.hypot(1.0, missing * math.sqrt(weight / sigmas))
+            missing = 0.5 * sums.rms / (2.0 * math.pi * hz) ** 2
+            factor = sums.widening(missing)
             if factor >= LEAST_WIDENING:
                 yield Doubt((name,), factor, f"{reason}: {missing:.2g} mm of {name} are missing", _HINT)
 

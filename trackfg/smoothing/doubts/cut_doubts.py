@@ -15,7 +15,7 @@ from trackfg.factors.factor_type import FactorType
 from trackfg.numerics.arrays import Array
 from trackfg.output.trajectory import QUANTITIES, keyframe_variances
 from trackfg.results.verdict import Doubt
-from trackfg.smoothing.doubts.vibration_doubts import LEAST_WIDENING
+from trackfg.smoothing.doubts.usual_sigmas import LEAST_WIDENING
 from trackfg.smoothing.passage import STEP_M, chord_curvature, passage
 from trackfg.smoothing.reassessment import SolvedRun
 

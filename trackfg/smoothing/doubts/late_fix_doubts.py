@@ -21,7 +21,7 @@ from trackfg.numerics.arrays import Array
 from trackfg.numerics.integrals import trapezoid_integral
 from trackfg.output.trajectory import QUANTITIES, keyframe_variances
 from trackfg.results.verdict import Doubt
-from trackfg.smoothing.doubts.vibration_doubts import LEAST_WIDENING
+from trackfg.smoothing.doubts.usual_sigmas import LEAST_WIDENING
 from trackfg.smoothing.reassessment import SolvedRun
 
 

@@ -13,24 +13,13 @@ from trackfg.results.summary import GeometryConventions
 from trackfg.results.verdict import Doubt, Quantity
 from trackfg.sensors.imu_filters.bandwidth import Bandwidths
 from trackfg.sensors.short_vibration import SHORTEST_WAVE_M, Blocks
+from trackfg.smoothing.doubts.usual_sigmas import COLUMNS, LEAST_WIDENING, inverse_squares, usual_sigma
 from trackfg.smoothing.reassessment import SolvedRun
-
-LEAST_WIDENING = 1.2
-"""Factors below this are none: sigmas of the geometry, which are drawn, and the level of a vibration are not known
-better."""
 
 _VERSINE = math.sqrt(1.5)
 """A versine of independent errors of three places, over one of them: 1 + 1/4 + 1/4."""
 
 HINT = "mount the sensor where it does not vibrate, or declare rigid = false"
-
-
-COLUMNS: dict[Quantity, str] = {
-    "twist": "twist_mm",
-    "level": "versine_level_mm",
-    "alignment": "versine_alignment_mm",
-}
-"""The columns of a geometry table whose sigmas do not know of vibration."""
 
 
 def vibration_doubts(run: SolvedRun, geometry: pd.DataFrame, bandwidths: Bandwidths) -> list[Doubt]:
@@ -41,9 +30,8 @@ def vibration_doubts(run: SolvedRun, geometry: pd.DataFrame, bandwidths: Bandwid
         return []
     nav, context = run.solution.states.nav, run.problem.run
     blocks = Blocks.of(context.inertial, context.t, np.linalg.norm(nav.v, axis=1), bandwidths.least_hz)
-    sigmas = {name: geometry[f"{column}_sd"].dropna() for name, column in COLUMNS.items()}
-    # Errors of one size over the sigmas have the mean square of 1 / sigma^2: holes hardly count.
-    usual = {name: float(np.mean(sd**-2.0) ** -0.5) for name, sd in sigmas.items() if len(sd)}
+    sums = {name: inverse_squares(geometry[f"{column}_sd"].to_numpy()) for name, column in COLUMNS.items()}
+    usual = {name: usual_sigma(number, inverse) for name, (number, inverse) in sums.items() if number}
     return [
         Doubt((name,), shown.factor, shown.reason, HINT)
         for name, shown in visible_vibration(blocks, usual, context.conventions).items()

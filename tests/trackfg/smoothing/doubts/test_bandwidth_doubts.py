@@ -15,7 +15,7 @@ from trackfg.evaluation.geometry_errors import geometry_errors
 from trackfg.results.verdict import widening
 from trackfg.sensors.imu_filters.bandwidth import Bandwidths
 from trackfg.smoothing.doubts.bandwidth_doubts import ShortWaves
-from trackfg.smoothing.doubts.vibration_doubts import COLUMNS
+from trackfg.smoothing.doubts.usual_sigmas import COLUMNS
 from trackfg.smoothing.smoother import smooth
 
 STEP_M = 0.25
