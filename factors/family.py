@@ -137,7 +137,7 @@ class Family(Outlined):
 
     @property
     def name(self) -> str:
-        """What reports and messages call the factors."""
+        """The name that reports and messages have for the factors."""
         return self.label or self.type.value
 
     @property

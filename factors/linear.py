@@ -69,7 +69,7 @@ class LinearFactors(NamedTuple):
 
     @property
     def jacobians(self) -> list[Array]:
-        """One Jacobian per slot, (m, r, dim)."""
+        """Return one Jacobian per slot, (m, r, dim)."""
         ends = np.cumsum([slot.kind.dim for slot in self.slots])
         return np.split(self.jacobian, ends[:-1], axis=2)
 

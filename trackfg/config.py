@@ -1,4 +1,4 @@
-"""How to smooth: every setting with its unit and a default that suits a railway vehicle. Read from TOML."""
+"""The settings of the smoother are read from TOML; each has a unit and a default that suits a railway vehicle."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class _Section(BaseModel):
 
 
 class KeyframeConfig(_Section):
-    """Where states are estimated: whichever of time and distance comes first; sparser at rest."""
+    """Keyframes follow each other by time or distance, whichever comes first, and by a longer time at rest."""
 
     interval_s: Step = 1.0
     """Longest time between keyframes in motion [s]."""
@@ -96,7 +96,7 @@ class TachConfig(_Section):
 
 
 class MotionConfig(_Section):
-    """How strictly the vehicle follows its own axis, and how still it stands.
+    """Sigmas of how the vehicle follows its own axis, and of how still it stands.
 
     Lateral and vertical velocity at the reference point: a constant part and one proportional to speed.
     ``mount_sd_deg`` is the uncertainty of the direction of travel in IMU axes (pitch, yaw). A sensor that is fixed to
@@ -231,9 +231,9 @@ class OutputConfig(_Section):
 
 
 class GeometryConfig(_Section):
-    """What the columns of the geometry table mean, m: grid, base of the twist and where it lies from the place that the
-    twist is written at, length of the chord of the versines, wavelengths that level and alignment hold (the band D1),
-    bases of curvature and gradient.
+    """The meaning of the columns of the geometry table, m: grid, base of the twist and where it lies from the place
+    that the twist is written at, length of the chord of the versines, wavelengths that level and alignment hold (the
+    band D1), bases of curvature and gradient.
 
     Bases and half the chord are whole multiples of the grid's step; half the base of a centred twist is, too.
     """
@@ -271,8 +271,8 @@ class GeometryConfig(_Section):
 
 
 class SolverConfig(_Section):
-    """When to stop: a step below ``step_tolerance`` posterior sigmas in every direction, a step that lowers the cost by
-    less than ``cost_tolerance``, or ``max_iterations``.
+    """The solver stops at a step below ``step_tolerance`` posterior sigmas in every direction, a step that lowers the
+    cost by less than ``cost_tolerance``, or ``max_iterations``.
     """
 
     step_tolerance: Positive = 0.03

@@ -1,4 +1,4 @@
-"""What the attitude baselines share: samples freed of their static bias, the wheel's place and speed, and their tables.
+"""The attitude baselines share samples freed of their static bias, the wheel's place and speed, and their tables.
 
 Axes and signs are those of trackfg throughout: FLU, roll with the left side up, pitch nose-down. The samples stand at
 the middles of intervals laid edge to edge, holes bridged. The tachometer counts whole pulses, so its distance is

@@ -143,7 +143,7 @@ def survey(recording: Recording, *, cycle_s: float = 0.1, average_s: float = 3.0
 
 @dataclass(frozen=True)
 class _Slip:
-    """One correction: ``distance`` and ``speed`` replace the wheel's, one value for each cycle from start to final.
+    """A correction: ``distance`` and ``speed`` replace the wheel's, one value for each cycle from start to final.
 
     ``by_jerk_rule``: a start point met the jerk rule. ``readhered``: it did not just run out of time.
     """

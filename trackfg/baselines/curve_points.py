@@ -58,7 +58,7 @@ class CurvePoints:
 
 @dataclass(frozen=True)
 class Sighting:
-    """What became of one curve.
+    """The outcome of one curve.
 
     ``left``, ``checked``: samples at which its end and that of the exit straight's check were passed. ``refused``: why
     there is no ``correction_m``; empty if there is one.

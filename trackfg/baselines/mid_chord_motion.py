@@ -1,4 +1,4 @@
-"""What a measuring unit on a car body makes of its inertial sensor: attitude, and acceleration across its path.
+"""A measuring unit on a car body makes attitude, and acceleration across its path, of its inertial sensor.
 
 *Attitude.* Roll ``phi`` and pitch ``theta`` by a complementary filter with the time constant ``T``,
 

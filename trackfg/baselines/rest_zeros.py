@@ -1,4 +1,4 @@
-"""What a sensor shows at rest, taken for its zero until the next rest."""
+"""A sensor's output at rest is taken for its zero until the next rest."""
 
 from __future__ import annotations
 

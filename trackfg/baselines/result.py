@@ -1,4 +1,4 @@
-"""What a baseline gives back: the smoother's tables, as far as the paper's system knows them."""
+"""A baseline gives back the smoother's tables, as far as the paper's system has them."""
 
 from __future__ import annotations
 

@@ -98,7 +98,7 @@ def read_cycles(recording: Recording, *, cycle_s: float, average_s: float) -> Cy
 
 @dataclass(frozen=True)
 class JerkRule:
-    """When the wheel certainly rolls. Limits in km/h/s per cycle."""
+    """The rule by which the wheel certainly rolls. Limits are in km/h/s per cycle."""
 
     pulse: float = 0.15
     inertial: float = 0.1

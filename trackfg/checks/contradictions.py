@@ -1,4 +1,4 @@
-"""Where the estimates of a recording contradict its description, as findings that name the cause and the edit."""
+"""The estimates of a recording that contradict its description become findings that name the cause and the edit."""
 
 from __future__ import annotations
 
@@ -321,7 +321,7 @@ def _rescaled(tach: Tach, scale: float) -> tuple[str, str]:
 
 
 def _silence(tach: Tach | None, spans: Sequence[SilentSpan]) -> list[Finding]:
-    """One finding for the longest span of each kind."""
+    """Return one finding for the longest span of each kind."""
     findings = []
     remove = "remove these rows, or [tach]: a wheel that stands still reads as a slide"
     for kind, code, what, hint in (

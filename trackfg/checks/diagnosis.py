@@ -1,4 +1,4 @@
-"""What a recording says about itself, compared with what its description declares.
+"""A recording's own estimates are compared with what its description declares.
 
 Each estimate is a function over tables in a module of its own (:mod:`trackfg.checks.diagnosis_axes`, ``_clock``,
 ``_force``, ``_positions``, ``_rest``, ``_silence``, ``_wheel``), with its method there; :func:`estimates_of` runs them

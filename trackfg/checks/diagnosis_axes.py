@@ -1,4 +1,4 @@
-"""Which way the IMU's columns point, from gravity and from the tach, or else from a receiver's speeds or positions.
+"""Gravity and the tach, or else a receiver's speeds or positions, show which way the IMU's columns point.
 
 * Up: at rest and on average, specific force points up.
 * Forward: ``f_x = dv/dt - g sin(pitch)`` correlates with the tach's acceleration; backwards, the sign is negative.
@@ -34,7 +34,9 @@ _MIN_CORRELATION = 0.5
 
 
 class Comparison(NamedTuple):
-    """How acceleration is compared with forces: the averages' standard deviations, longest lag, least time, s."""
+    """Settings of the comparison of acceleration with forces: the averages' standard deviations, longest lag, least
+    time, s.
+    """
 
     short_s: float
     long_s: float

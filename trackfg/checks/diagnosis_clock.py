@@ -128,8 +128,8 @@ def likeness(imu: pd.DataFrame, tach: pd.DataFrame, offset: ClockOffset, within_
 
 @dataclass(frozen=True)
 class _Signals:
-    """What is compared: the ``motion``, the tach's acceleration ``speed_change`` (n,) and, in the band whose shorter
-    average has the standard deviation ``short_s``, the forward ``force`` (n,).
+    """The signals that are compared: the ``motion``, the tach's acceleration ``speed_change`` (n,) and, in the band
+    whose shorter average has the standard deviation ``short_s``, the forward ``force`` (n,).
     """
 
     motion: Motion
@@ -216,7 +216,7 @@ def tach_acceleration(motion: Motion) -> Array:
 
 @dataclass(frozen=True)
 class Lag:
-    """How much later (s) one signal shows what another does, and their correlation then.
+    """The lag (s) of one signal behind another that shows the same, and their correlation then.
 
     ``sd_s`` is its sigma by least squares, ``spread_s`` that of its leave-one-block-out (jackknife) values, which is
     wider, as blocks cut events in two, and far wider where a single event, a slip among them, makes the peak.
@@ -304,7 +304,7 @@ def _products(a: Array, b: Array, lags: np.ndarray) -> Array:
 
 
 def _parabola_vertex(y: Array) -> float:
-    """Where the parabola through (-1, y0), (0, y1), (1, y2) has its top, for y1 the highest."""
+    """Return where the parabola through (-1, y0), (0, y1), (1, y2) has its top, for y1 the highest."""
     bend = y[0] - 2.0 * y[1] + y[2]
     return 0.0 if bend >= 0 else float(0.5 * (y[0] - y[2]) / bend)
 

@@ -1,4 +1,4 @@
-"""Which column of the gyro shows the rate about which axis, found by the force balance.
+"""The force balance shows which column of the gyro is the rate about which axis.
 
 Of the 48 signed permutations P of the gyro's columns against the accelerometer's axes, the right one leaves the least
 of the force unexplained. Two residuals of one power by themselves differ: a block of 10 s holds about nine independent

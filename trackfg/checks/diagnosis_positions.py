@@ -74,8 +74,8 @@ class FixDelay:
 
 
 class FixPassages(NamedTuple):
-    """When fixes were stamped, ``t`` (n,), s, the ``distance`` then, m, the ``speed``, m/s, the ``chainage`` that they
-    give, m, and its sigma ``sd``, m.
+    """Fixes by the times that they are stamped with, ``t`` (n,), s: the ``distance`` then, m, the ``speed``, m/s, the
+    ``chainage`` that they give, m, and its sigma ``sd``, m.
     """
 
     t: Array

@@ -1,4 +1,4 @@
-"""What an inertial sensor shows while the vehicle stands still: biases and white noise.
+"""An inertial sensor shows its biases and its white noise while the vehicle stands still.
 
 White noise: the Allan variance of averages over ``tau`` is ``N^2 / tau`` for a density N, so that
 ``N = sqrt(tau / 2 * mean((x_{i+1} - x_i)^2))`` over successive averages x (IEEE Std 952). A tau of a quarter of a

@@ -53,7 +53,7 @@ _CLEAR_SIGMAS = 4.0
 
 @dataclass(frozen=True)
 class TachCorrection:
-    """What was done to a tach beforehand: its distance was multiplied by ``factor``, ``clock_s`` added to its times."""
+    """The correction of a tach: its distance was multiplied by ``factor``, and ``clock_s`` added to its times."""
 
     factor: float = 1.0
     clock_s: float = 0.0

@@ -1,4 +1,4 @@
-"""What ``trackfg compare`` shows, as rich tables."""
+"""The tables of ``trackfg compare`` are rich tables."""
 
 from __future__ import annotations
 

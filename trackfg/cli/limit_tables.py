@@ -1,4 +1,4 @@
-"""What ``trackfg limits`` shows, as rich tables and as JSON."""
+"""The tables of ``trackfg limits`` are rich tables, or JSON."""
 
 from __future__ import annotations
 

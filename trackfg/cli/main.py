@@ -382,7 +382,7 @@ def limits(
 
 @dataclass(frozen=True)
 class ReportOptions:
-    """What a page is about, and what it shows besides."""
+    """Options of a page: its subject, and what it shows besides."""
 
     folder: Annotated[Path, typer.Argument(metavar="OUT", help="Folder of a result, a comparison or trends.")]
     out: Annotated[Path | None, out_file("Page: .html. OUT.html if absent.")] = None

@@ -1,4 +1,4 @@
-"""What the command line shows, as rich tables: one function per table."""
+"""The command line shows rich tables: one function per table."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What commands write to a terminal or a pipe."""
+"""Commands write to a terminal or a pipe."""
 
 from __future__ import annotations
 

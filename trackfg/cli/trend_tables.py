@@ -1,4 +1,4 @@
-"""What ``trackfg map trends`` reads besides results, and shows."""
+"""``trackfg map trends`` reads some tables besides results, and shows others."""
 
 from __future__ import annotations
 

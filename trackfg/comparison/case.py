@@ -43,7 +43,7 @@ class Case:
 
 @dataclass(frozen=True)
 class CaseRun:
-    """What one run gave. ``seconds`` that each estimator took; ``left_out``: why others could not.
+    """The outcome of one run. ``seconds`` that each estimator took; ``left_out``: why others could not.
 
     ``scores`` with :data:`trackfg.comparison.table.SCORE_COLUMNS` (empty without a truth); ``geometry`` and
     ``positions`` as in :mod:`trackfg.comparison.table`, where they are kept: always without a truth.

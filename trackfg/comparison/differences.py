@@ -1,4 +1,4 @@
-"""Where an estimator differs from the smoother, kilometre by kilometre."""
+"""The differences of an estimator from the smoother are listed kilometre by kilometre."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a comparison found: scores of every run, a table of them, and the curves of one run of each case.
+"""A comparison holds the scores of every run, a table of them, and the curves of one run of each case.
 
 ===================  =========================================================================================
 file                 content

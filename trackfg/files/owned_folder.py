@@ -46,8 +46,8 @@ def kind_of(folder: Path) -> str | None:
 
 @dataclass(frozen=True)
 class FolderKind:
-    """``what`` names it in messages; its file ``head`` is JSON with a ``format`` that begins with ``format``; ``files``
-    are all that it holds, ``optional`` what it may hold besides.
+    """A kind of folder: ``what`` names it in messages; its file ``head`` is JSON with a ``format`` that begins with
+    ``format``; ``files`` are all that it holds, ``optional`` what it may hold besides.
     """
 
     what: str

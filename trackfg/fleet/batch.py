@@ -34,7 +34,7 @@ Progress = Callable[[Outcome], None]
 
 @dataclass(frozen=True)
 class Limits:
-    """What a run may take at most, and where runs are computed.
+    """Limits of a run's time and memory, and where runs are computed.
 
     They are computed by the cluster of ``scheduler``, or on this machine if that is None: ``jobs`` at a time, None for
     as many as cores and memory allow.

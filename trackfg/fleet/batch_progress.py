@@ -38,7 +38,7 @@ _FAULTS = (OSError, TrackfgError)
 
 @dataclass(frozen=True)
 class BatchState:
-    """How far a batch is: of ``runs``, ``done`` are over, ``failed`` of them without a result. Times are Unix's, s."""
+    """The progress of a batch: of ``runs``, ``done`` are over, ``failed`` of them without a result; times in Unix s."""
 
     name: str
     began_s: float

@@ -48,7 +48,7 @@ _HASH_DIGITS = 8
 
 @dataclass(frozen=True)
 class Run:
-    """One recording to be smoothed. ``name`` is that of its folder in the store.
+    """A recording that is to be smoothed. ``name`` is that of its folder in the store.
 
     ``map`` is the place of a map, ``known_line`` the path of a file of tracks, ``settings`` that of a TOML file; None
     for none, and for the defaults.

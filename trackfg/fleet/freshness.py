@@ -25,7 +25,7 @@ _SHOWN_SETTINGS = 3
 
 
 class Inputs(NamedTuple):
-    """What a result was computed from; an empty text where its summary does not say, for no map, and for no known line
+    """The inputs of a result; an empty text where its summary does not say, for no map, and for no known line
     but the recording's own.
     """
 

@@ -60,7 +60,8 @@ class Job:
 
 @dataclass(frozen=True)
 class Outcome:
-    """How a job ended: ``reason`` and the last lines of its ``log`` where it failed, else its ``row`` of the catalogue.
+    """The end of a job: ``reason`` and the last lines of its ``log`` where it failed, else its ``row`` of the
+    catalogue.
 
     ``killed``: another process killed it. ``recording`` is what its recording's files looked like before.
     """

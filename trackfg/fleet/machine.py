@@ -1,4 +1,4 @@
-"""How many runs a machine can smooth at a time: as many as it has cores, and memory for."""
+"""A machine smooths as many runs at a time as it has cores, and memory for."""
 
 from __future__ import annotations
 

@@ -43,7 +43,7 @@ _TOLERANCE = 1e-3
 
 @dataclass(frozen=True)
 class FrictionModel:
-    """What is held of friction: its walk per square root of a second, the loss's width c in sigmas, mean and sigma at
+    """The prior of friction: its walk per square root of a second, the loss's width c in sigmas, mean and sigma at
     the start, and the least that it can be. ``state_sd`` (rad, rad/s) is that of slip angle and yaw rate at the start.
     """
 

@@ -1,4 +1,4 @@
-"""Where a track is curved: its curvature averaged over 50 m against a least one.
+"""A track is curved where its curvature, averaged over 50 m, exceeds a least one.
 
 Irregularities of the alignment bend the track by as much as a wide curve does; over 50 m they do not.
 """

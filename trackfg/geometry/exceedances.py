@@ -1,4 +1,4 @@
-"""Where a track geometry exceeds its limits, and which limits could not be judged."""
+"""A track geometry is held against its limits: where it exceeds them, and which could not be judged."""
 
 from __future__ import annotations
 

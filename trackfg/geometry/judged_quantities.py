@@ -42,7 +42,8 @@ class ColumnLengths:
 
 @dataclass(frozen=True)
 class JudgedQuantity:
-    """What is judged: its name, its values in mm by chainage (n,), and their 1-sigma where it is known, else None.
+    """A quantity that is judged: its name, its values in mm by chainage (n,), and their 1-sigma where it is known, else
+    None.
 
     Only positive values can exceed where ``one_sided``.
     """

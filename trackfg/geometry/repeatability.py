@@ -1,4 +1,4 @@
-"""How well two runs over one track agree: the rule of track recording, section by section.
+"""Two runs over one track are compared by the rule of track recording, section by section.
 
 The standard deviation of the difference of two runs is taken per section of 200 m; the difference's mean over a section
 does not count. Suto, Tsubokawa and Yoshida (2020) ask for 0.5 mm at most on every section, for 10 m versines.

@@ -92,7 +92,7 @@ class Passages:
 
 @dataclass(frozen=True)
 class Consensus:
-    """Which fixes are ``right`` (n,), and by how many votes.
+    """The fixes that are ``right`` (n,), and by how many votes.
 
     ``votes``: how many places these have read, and how many the largest set of agreeing ones among the others has.
     """

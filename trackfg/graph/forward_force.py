@@ -1,4 +1,4 @@
-"""How the vehicle accelerates forwards, by the inertial sensor alone, and without the errors that last for a whole run.
+"""The inertial sensor alone shows the forward acceleration, without the errors that last for a whole run.
 
 The forward acceleration is the specific force less gravity's part, for which the pitch is the gyro's, so that no slip
 of a wheel spoils it. Over a run it is off by

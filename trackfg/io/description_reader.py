@@ -243,7 +243,7 @@ def _part(model: type[Model], raw: dict[str, Any], key: str, file: str) -> tuple
 
 
 def _finding(detail: ErrorDetails, model: type[Model], prefix: str, file: str) -> Finding:
-    """What pydantic reports, in the words of this format."""
+    """Return what pydantic reports, in the words of this format."""
     loc = [str(step) for step in detail["loc"]]
     keys = [step for step in loc if not step.isdigit()]
     name = keys[-1] if keys else ""

@@ -40,7 +40,7 @@ __all__ = [
 
 @dataclass(frozen=True)
 class LoadedRecording:
-    """What could be read, and everything found on the way.
+    """The parts that could be read, and everything found on the way.
 
     ``recording`` is None where the description or a table is unusable; it is there, but must not be used, where only
     the values are implausible (then ``findings`` has errors).

@@ -137,7 +137,7 @@ class RunInformation(Outlined):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class FeatureMap(KeyFigures):
-    """One version of the map of a line. Tables have the columns of this module, in their order.
+    """A version of the map of a line. Tables have the columns of this module, in their order.
 
     ``origin``: (latitude deg, longitude deg, height m) of WGS 84, or None. ``information`` by run id. ``configuration``
     and ``software`` (package: version) are what it was built with. ``version``, ``parent`` (the version it was made

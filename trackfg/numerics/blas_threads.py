@@ -20,7 +20,7 @@ _Made = TypeVar("_Made")
 
 
 class _Depth(threading.local):
-    """How many ``with one_thread()`` the current thread is in."""
+    """The number of ``with one_thread()`` that the current thread is in."""
 
     value = 0
 
@@ -47,7 +47,7 @@ def one_thread() -> Iterator[None]:
 
 
 class ThreadBeside:
-    """One thread makes calls beside the one that begins them, one after another; the ``with`` ends when all have."""
+    """A thread makes calls beside the one that begins them, one after another; the ``with`` ends when all have."""
 
     def __enter__(self) -> Self:
         """Begin without a thread: the first call starts it."""

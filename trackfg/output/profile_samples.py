@@ -198,7 +198,7 @@ class PointErrors:
 
     @cached_property
     def _turned(self) -> list[Array]:
-        """What the gyro's white noise turns between keyframes, about each axis of n."""
+        """Return the sigma of what the gyro's white noise turns between keyframes, about each axis of n."""
         return [self._bridges.drawn(self._errors) for _ in range(3)]
 
     @cached_property

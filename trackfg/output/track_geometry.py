@@ -122,7 +122,7 @@ class _Columns:
 
     @property
     def meaning(self) -> GeometryConventions:
-        """What the columns mean."""
+        """The meaning of the columns."""
         return self.run.conventions
 
     def all(self) -> dict[str, Array]:

@@ -78,7 +78,7 @@ _FRD = np.array([1.0, -1.0, -1.0])
 
 @dataclass(frozen=True)
 class Start:
-    """Where the sensor starts: ``geodetic`` (latitude deg, longitude deg, height m); ``rpy`` (3,), rad; sigmas."""
+    """The sensor's start: ``geodetic`` (latitude deg, longitude deg, height m); ``rpy`` (3,), rad; sigmas."""
 
     geodetic: Array
     rpy: Array

@@ -1,4 +1,4 @@
-"""What part of its axis a panel shows.
+"""The scale of a panel is the part of its axis that is shown.
 
 A sigma grows without bound where a run was slow, and the values with it. What was measured well sets the scale: no peak
 that stands out of its own noise leaves the panel, and no noise squeezes the rest.

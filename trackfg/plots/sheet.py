@@ -1,4 +1,4 @@
-"""What a picture of a result shows, before anything is drawn: panels of curves, paths on a map, shaded spans."""
+"""A sheet is a picture of a result before anything is drawn: panels of curves, paths on a map, shaded spans."""
 
 from __future__ import annotations
 

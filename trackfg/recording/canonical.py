@@ -71,7 +71,7 @@ def _rotated(columns: Columns, R: Array, scale: float) -> list[Array]:
 
 @dataclass(frozen=True)
 class TachReading:
-    """Where the integral of a speed stands: the last row's time (s), speed (m/s) and distance (m)."""
+    """The state of the integral of a speed: the last row's time (s), speed (m/s) and distance (m)."""
 
     t_s: float
     speed_mps: float

@@ -1,4 +1,4 @@
-"""What is wrong, or worth knowing, about a recording: one :class:`Finding` each, the same for reading and checking."""
+"""Findings say what is wrong, or worth knowing, about a recording; reading and checking give the same."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class Section(NamedTuple):
 
 @dataclass(frozen=True)
 class Finding:
-    """One fact about the input. ``code`` is stable and kebab-case; ``str()`` gives the one-line message.
+    """A fact about the input. ``code`` is stable and kebab-case; ``str()`` gives the one-line message.
 
     ``column`` is a table's column, or a key of ``recording.toml`` (``"imu.gyro_unit"``). ``row`` counts data rows from
     1 (the header of a CSV file is not one); ``time_s`` is the time in that row. ``hint`` is what to do; results of

@@ -60,7 +60,7 @@ class KmScale(Model):
 
 
 class LineKilometrage(Model):
-    """Which line and track it is, and how chainage becomes official places.
+    """The line and its track, and how chainage becomes official places.
 
     Kilometrage counts from equations or between posts; without either it is the chainage. It runs to
     ``end_chainage_m``, by default for ever.

@@ -65,7 +65,7 @@ _SINGLE = ("tach", "fixes", "gnss")
 
 @dataclass(frozen=True, repr=False)
 class Recording(KeyFigures):
-    """One run: what was measured, and how the sensors sit in the vehicle.
+    """A run: what was measured, and how the sensors sit in the vehicle.
 
     Examples
     --------

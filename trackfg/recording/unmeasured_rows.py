@@ -17,7 +17,7 @@ _INTERPOLATED = {"gnss": "gnss-interpolated", GNSS_SPEED_TABLE: "gnss-speed-inte
 
 
 class UnmeasuredRows(NamedTuple):
-    """Which rows (n,) of a table are no measurements, and a warning that says so."""
+    """The rows (n,) of a table that are no measurements, and a warning that says so."""
 
     rows: np.ndarray
     finding: Finding

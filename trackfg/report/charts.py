@@ -1,4 +1,4 @@
-"""What the charts of a page show, and how they reach it: as JSON that the page's script draws with plotly.
+"""The charts of a page reach it as JSON that the page's script draws with plotly.
 
 :class:`Strips` are panels of long curves over a common axis, thinned to the pixels of the screen when they are drawn
 and again after every zoom. Of a long curve the browser unpacks a view first, and every row when all charts are drawn

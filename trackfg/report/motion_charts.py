@@ -1,4 +1,4 @@
-"""How the vehicle moved: speed, attitude and sigmas over time, and the path on a map."""
+"""The charts of the motion show speed, attitude and sigmas over time, and the path on a map."""
 
 from __future__ import annotations
 
@@ -105,7 +105,7 @@ def error_strips(errors: pd.DataFrame, events: pd.DataFrame) -> Strips | None:
 
 @dataclass(frozen=True)
 class PathMark:
-    """What has an id along the path: its kind, its id and its chainage, m."""
+    """A mark of what has an id along the path: its kind, its id and its chainage, m."""
 
     kind: str
     id: str

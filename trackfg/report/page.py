@@ -171,7 +171,7 @@ class ColourBar:
 
 @dataclass(frozen=True)
 class Fold:
-    """What opens when it is asked for, and on paper."""
+    """A fold of the page opens when it is asked for, and on paper."""
 
     summary: str
     blocks: tuple[Block, ...]
@@ -252,7 +252,7 @@ class PageSection:
 
 @dataclass(frozen=True)
 class Page:
-    """``what`` says what kind of page it is, ``title`` of what.
+    """A page: ``what`` says of what kind it is, ``title`` of what.
 
     ``origin``: the pages above this one, names and addresses, of a page that is served; it may ask its server.
     """

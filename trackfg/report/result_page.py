@@ -63,7 +63,7 @@ NOTHING_BEHIND = Background()
 
 @dataclass(frozen=True)
 class _Along:
-    """What lies along the line: its curves, what the user has behind the map, and how places are written."""
+    """All that lies along the line: its curves, what the user has behind the map, and how places are written."""
 
     curves: list[Curve]
     background: Background

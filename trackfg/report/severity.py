@@ -25,7 +25,7 @@ _FAMILY = ["standard", "parameter", "column", "kind"]
 
 @dataclass(frozen=True)
 class KilometreExceedances:
-    """What a kilometre has: how many exceedances of each level, how long they are together, and the worst of them.
+    """The exceedances of a kilometre: how many of each level, how long they are together, and the worst of them.
 
     ``worst`` is a row of the severest level, of those that are sure if any are: that of the greatest ``share`` of its
     limit.

@@ -32,7 +32,7 @@ _SUFFIX = ".html"
 
 @dataclass(frozen=True)
 class _Wanted:
-    """What a page is to show besides the folder: truth of a recording, limits, official places, a background."""
+    """All that a page is to show besides the folder: truth of a recording, limits, official places, a background."""
 
     recording: Path | None = None
     limits: LimitChoice | None = None

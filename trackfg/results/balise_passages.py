@@ -1,4 +1,4 @@
-"""How far apart a run measured the balises and other fixes that it passed, by everything but these fixes.
+"""A run measures how far apart the balises and other fixes are that it passed, by everything but these fixes.
 
 Smoothed without any of its fixes, a run knows how far apart two passages are (wheel, inertial sensor, GNSS), and not
 where the first of them is. So ``chainage_m`` is right up to one unknown offset, and the covariance is that of the

@@ -1,4 +1,4 @@
-"""What ``trackfg smooth`` gives back, in memory and as a folder.
+"""A result is what ``trackfg smooth`` gives back, in memory and as a folder.
 
 ==================  ==========================================================================================
 file                content

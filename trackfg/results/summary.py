@@ -39,7 +39,7 @@ class VectorEstimate(Model):
 
 
 class Mounting(Model):
-    """How the sensor is mounted, as the motion shows it, in the axes of the IMU as declared.
+    """The mounting of the sensor as the motion shows it, in the axes of the IMU as declared.
 
     The direction of travel is turned to the left by ``yaw_rad`` and then downwards by ``pitch_rad``. The point that
     follows the track is ``tracking_point_m`` from the vehicle reference point.
@@ -57,7 +57,7 @@ def utc(text: str) -> datetime:
 
 
 class Solver(Model):
-    """How the solution was reached. ``cost`` is half the sum of squared whitened residuals after robust weights."""
+    """The way to the solution. ``cost`` is half the sum of squared whitened residuals after robust weights."""
 
     converged: bool
     reason: str
@@ -67,7 +67,7 @@ class Solver(Model):
 
 
 class GeometryConventions(Model):
-    """What the geometry columns mean. Lengths in m; see docs/geometry.md for the formulas.
+    """The meaning of the geometry columns. Lengths in m; see docs/geometry.md for the formulas.
 
     ``facing``: left is left when looking that way, whichever way the run went. ``twist_anchor``: where the base of the
     twist lies, seen from the place that it is written at.
@@ -86,7 +86,7 @@ class GeometryConventions(Model):
 
     @property
     def tops_apart_m(self) -> float:
-        """How far the middles of the rails' tops are apart, m."""
+        """The distance between the middles of the rails' tops, m."""
         return self.gauge_m + rail_head_m(self.gauge_m, self.cross_level_base_m)
 
     @property
@@ -97,7 +97,7 @@ class GeometryConventions(Model):
 
 
 class RunFacts(Model):
-    """What joining runs into a map needs to know of the recording.
+    """The facts of a recording that joining runs into a map needs.
 
     ``content_sha256`` identifies the same measurements, whatever the recording is called; ``files_sha256`` the same
     files, byte by byte (:mod:`trackfg.io.content`), null where it was not read from files. ``anchored``: fixes gave the
@@ -118,7 +118,7 @@ class RunFacts(Model):
 
     @property
     def start_utc(self) -> datetime | None:
-        """When the run began, in UTC; None where its recording has no start."""
+        """The time when the run began, in UTC; None where its recording has no start."""
         return None if self.start is None else utc(self.start)
 
 

@@ -43,7 +43,7 @@ NOT_TRUSTED = "not to be trusted"
 
 @dataclass(frozen=True)
 class Doubt:
-    """One reason why the sigmas of some quantities are too small.
+    """A reason why the sigmas of some quantities are too small.
 
     ``factor`` >= 1 is what they should be multiplied by; infinity where no finite sigma can be given. ``reason`` says
     what was seen, ``hint`` what the user can do. Raises ``ValueError`` for a factor below 1 and for no quantity.
@@ -63,7 +63,7 @@ class Doubt:
 
 
 class Verdict(Model):
-    """What can be trusted of one quantity.
+    """A verdict says how far the sigmas of one quantity can be trusted.
 
     ``factor`` is what the model's sigmas were multiplied by in the tables: 1 where trusted, null where not to be
     trusted (sigmas there are those of :data:`trackfg.results.widening.UNKNOWN_SD`). ``reasons`` and ``hints`` say why

@@ -1,1 +1,1 @@
-"""What each sensor's samples say before any graph: intervals of the IMU, counts of the tach, rests, displacements."""
+"""The samples of each sensor are interpreted before any graph: intervals of the IMU, counts of the tach and rests."""

@@ -85,7 +85,7 @@ def _integrals(edges: Array, t: Array, channels: Iterable[Array]) -> Array:
 
 
 def _touched(edges: Array, t: Array, gap_s: float) -> np.ndarray:
-    """Which intervals a gap longer than ``gap_s`` between successive times touches."""
+    """Return which intervals a gap longer than ``gap_s`` between successive times touches."""
     touched = np.zeros(edges.size - 1, dtype=bool)
     for i in np.flatnonzero(np.diff(t) > gap_s):
         first, last = np.searchsorted(edges, [t[i], t[i + 1]])

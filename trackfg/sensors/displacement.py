@@ -1,4 +1,4 @@
-"""Where the rails are, as displacement sensors on the vehicle see them.
+"""Displacement sensors on the vehicle show where the rails are.
 
 The sensors of one unit (one place along the vehicle) over one rail make a point of that rail in body axes, the middle
 of its top: across from the lateral sensor, half a head beyond the running edge, and up from the vertical one; a sensor
@@ -66,7 +66,7 @@ class Channel:
 
 @dataclass(frozen=True)
 class RailView:
-    """What one unit sees of one rail. ``along_m``: the unit's place in the vehicle, positive ahead.
+    """The rail as one unit sees it. ``along_m``: the unit's place in the vehicle, positive ahead.
 
     ``head_m``: width of the rail's head, whose middle the vertical sensor sees and whose inner edge the lateral one.
     """

@@ -217,7 +217,7 @@ def compress(data: Intervals, starts: np.ndarray, gyro_bias: Array = _NO_BIAS) -
 
 
 def running_turn(starts: np.ndarray, vectors: Array) -> tuple[Array, Array]:
-    """How far groups of small rotations have turned: ``vectors`` (m, 3) rad one after the other, each in the axes that
+    """Return how far groups of small rotations turn: ``vectors`` (m, 3) rad one after the other, each in the axes that
     the one before led to; group g has those from ``starts[g]`` to ``starts[g + 1]``. Quaternions, components first,
     from a group's start to before each rotation (4, m) and to its end (4, n).
     """
@@ -275,8 +275,9 @@ def _by_doubling(first: np.ndarray, counts: np.ndarray, steps: _Pair) -> tuple[_
 
 @dataclass(frozen=True)
 class Turning:
-    """How the body turns between keyframes k and k + 1, relative to k: ``turn`` (m, 3, 3) over the whole interval, and
-    its ``mean`` and ``mean_by_time`` (weighted by the elapsed part of the interval's time) over the length of the path.
+    """The turn of the body between keyframes k and k + 1, relative to k: ``turn`` (m, 3, 3) over the whole interval,
+    and its ``mean`` and ``mean_by_time`` (weighted by the elapsed part of the interval's time) over the length of the
+    path.
     """
 
     turn: Array

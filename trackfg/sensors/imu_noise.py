@@ -187,7 +187,7 @@ class WhiteNoise(Outlined):
 
 @dataclass(frozen=True, eq=False)
 class NoiseAtRest:
-    """What rests show of the noise of all intervals, as densities squared (6,), gyro first.
+    """The noise of all intervals as rests show it, as densities squared (6,), gyro first.
 
     ``excess`` is beyond the floor of the spectrum. ``most`` is the upper limit of the sensor's own noise: it takes the
     place of a declared density that is larger.

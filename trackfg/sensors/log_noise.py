@@ -1,4 +1,4 @@
-"""What a log at rest shows of its sensor's noise: Allan deviations, the kinds of noise, and what to declare.
+"""A log at rest shows its sensor's noise: Allan deviations, the kinds of noise, and what to declare.
 
 A random walk K shows where it is more than the white noise N: below the frequency K / (2 pi N). A log of T s has some
 T K / (2 pi N) independent values there, so that two hours suffice for 10 % where K / N is 0.01 / s or more.

@@ -59,7 +59,7 @@ _LEAST_BLOCKS = 3
 
 @dataclass(frozen=True)
 class Shaking:
-    """How far vibration moves the sensor, 1-sigma: ``roll``, rad, ``across`` and ``up``, m.
+    """The sigmas of how far vibration moves the sensor: ``roll``, rad, ``across`` and ``up``, m.
 
     NaN where the record does not show it.
     """

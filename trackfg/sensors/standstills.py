@@ -1,4 +1,4 @@
-"""When the vehicle is at rest.
+"""The vehicle is at rest where its tach may be, and where the inertial sensor confirms it.
 
 A candidate is a span in which the tach may be at rest (:mod:`trackfg.sensors.tach_rests`); where there is no tach, one
 in which the inertial sensor is about as quiet as it ever is, without a change of mean rate or force from one block of

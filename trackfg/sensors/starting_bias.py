@@ -1,4 +1,4 @@
-"""Where the gyro's bias starts, before there is a graph.
+"""The gyro's bias at the start is estimated before there is a graph.
 
 At rest the gyro shows its bias. Rests are of different worth: one of T s gives the bias to ``density / sqrt(T)``, and
 from one to the next it walks. So the means of rests are smoothed by
@@ -141,8 +141,8 @@ def starting_bias(
 
 @dataclass(frozen=True)
 class _Across:
-    """What turns and time make of roll and pitch by the gyro (:attr:`turned`, (n, 3), rad, with the heading) less that
-    by the specific force: ``gyro`` (2,), rad/s, is what is left of its bias, ``accel`` (3,), m/s^2, the bias that
+    """The difference of roll and pitch by the gyro (:attr:`turned`, (n, 3), rad, with the heading) and by the specific
+    force, over turns and time: ``gyro`` (2,), rad/s, is what is left of its bias, ``accel`` (3,), m/s^2, the bias that
     tilts, ``accel_level``, m/s^2, how large such a bias is at least.
     """
 

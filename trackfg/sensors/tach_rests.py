@@ -1,4 +1,4 @@
-"""When a tach may be at rest, by its own rows.
+"""The rows of a tach show when it may be at rest.
 
 **Counts.** Between two pulses the wheel moves by less than one. A vehicle that comes to a stop with constant jerk
 stands at the latest after 3.85 times the interval between its last two pulses (these lie x + q and x before the stop,

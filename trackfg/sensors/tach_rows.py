@@ -1,4 +1,4 @@
-"""What the rows of a tach are: counts of equal steps or speeds, at regular times or at the pulses' own."""
+"""The rows of a tach are counts of equal steps or speeds, at regular times or at the pulses' own."""
 
 from __future__ import annotations
 

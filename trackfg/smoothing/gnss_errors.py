@@ -121,7 +121,9 @@ _NAMED = 3
 
 
 class _Judged(NamedTuple):
-    """What is judged: the type of its factors, the name of their group, and what findings call them and advise."""
+    """Measurements that are judged: the type of their factors, the name of the group, and what findings call them and
+    advise.
+    """
 
     type: FactorType
     group: str
@@ -155,7 +157,9 @@ _SPEEDS = _Judged(
 
 
 class GnssErrors(NamedTuple):
-    """What is seen at each of m measurements, over the declared sigmas: ``level`` (m, d) and ``correlation`` C (m,)."""
+    """The errors that are seen at each of m measurements, over the declared sigmas: ``level`` (m, d) and
+    ``correlation`` C (m,).
+    """
 
     level: Array
     correlation: Array

@@ -44,8 +44,8 @@ _UNIT = 0.05
 
 
 class _Sensor(NamedTuple):
-    """What its measurements are called, the quantities that rest on them where nothing else measures, what else does,
-    and what to do.
+    """A sensor: what its measurements are called, the quantities that rest on them where nothing else measures, what
+    else does, and what to do.
     """
 
     name: str

@@ -1,4 +1,4 @@
-"""How much of a quantity's error each group of residuals accounts for, against what the model expects of it.
+"""Each group of residuals accounts for a part of a quantity's error, held against what the model expects.
 
 With whitened rows A, residuals r and the covariance P = (A'A)^-1, the estimate of a linear function c of the states
 errs by ``w'e``, ``w = A P c``, where e is the measurements' error: white, of variance 1, if the model is right. Then
@@ -93,7 +93,7 @@ class GroupRows:
 
     @property
     def reach(self) -> int:
-        """How many keyframes ahead the factors reach."""
+        """The number of keyframes ahead that the factors reach."""
         return int(np.max(last_keyframe(self.linear.slots, len(self.keyframe)) - self.keyframe, initial=0))
 
     def between(self, begin: int, end: int) -> GroupRows:
@@ -108,7 +108,7 @@ class GroupRows:
 
 
 class Misfit(NamedTuple):
-    """What a group's residuals account for in some functions, as shares of their variances.
+    """The part of some functions' variances that a group's residuals account for.
 
     ``share`` is the group's by the model, its mean over the functions; ``seen`` (b,) what residuals over blocks sum up
     to for each division into blocks, and ``drawn`` (b, draws) the same of drawn errors.

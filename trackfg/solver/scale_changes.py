@@ -1,4 +1,4 @@
-"""Where a wheel's scale changes, of which neither the number nor the places are known.
+"""A wheel's scale changes, and neither the number nor the places of the changes are known.
 
 The scale may change at the edges of cells of some seconds, by r (c,). Two kinds of change are common: one that stays,
 as with another wheelset, and creep that begins at one edge and ceases at a later one, +b and then -b. Either is one

@@ -1,4 +1,4 @@
-"""What the data say of a wheel's scale that walks or changes, with the states integrated out.
+"""The evidence of a wheel's scale that walks or changes is what the data say with the states integrated out.
 
 With whitened rows A, b at the solution and the step d that solves them (Laplace; MacKay, "Bayesian interpolation",
 Neural Computation 4, 1992),

@@ -38,7 +38,7 @@ class BandwidthTest:
 
     @property
     def bandwidths(self) -> Bandwidths:
-        """What the rests show so far."""
+        """The bandwidths that the rests show so far."""
         return Bandwidths(None, None) if self.spectra is None else self.spectra.bandwidths
 
     def events(self, until_s: float) -> tuple[Event, ...]:

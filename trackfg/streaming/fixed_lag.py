@@ -253,7 +253,7 @@ class FixedLagSmoother:
 
     @property
     def keyframe_spacing(self) -> float:
-        """How many times further apart keyframes are than the settings say. It may be set."""
+        """The factor by which keyframes are further apart than the settings say. It may be set."""
         return self._moving.keyframe_spacing
 
     @keyframe_spacing.setter

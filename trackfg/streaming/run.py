@@ -84,7 +84,7 @@ class StreamCounts:
 
 @dataclass(frozen=True)
 class StreamStep:
-    """What became known by a batch of rows: estimates, and all events.
+    """The outcome of a batch of rows: estimates, and all events.
 
     ``delay_s``: from the newest row to the estimate for its time, s: rows wait for those of other tables, then for the
     next keyframe, then for the computer. None without a new estimate. ``done``: share of the source that is read; None

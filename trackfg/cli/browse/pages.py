@@ -1,4 +1,4 @@
-"""What is answered to each address of a store's pages: read from the store, made by :mod:`trackfg.report.store`."""
+"""Each address of a store's pages is answered from the store, by pages of :mod:`trackfg.report.store`."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ Row = dict[str, Any]
 
 @dataclass(frozen=True)
 class Answer:
-    """What is sent to a browser."""
+    """The answer to a browser's request."""
 
     content: bytes
     kind: str = "text/html"

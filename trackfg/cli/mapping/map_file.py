@@ -37,7 +37,7 @@ _MEMORY_BYTES = 1_000_000_000
 
 @dataclass(frozen=True)
 class FleetRuns:
-    """Which runs of a store are joined to a map, those of ``line``, and where that is computed.
+    """The runs of a store that are joined to a map, those of ``line``, and where that is computed.
 
     ``scheduler``: on its cluster; None for this machine, in ``jobs`` processes, None for as many as fit.
     """

@@ -1,1 +1,1 @@
-"""What is known of each kind of sensor's table: one object per kind, listed in :mod:`trackfg.io.formats.registry`."""
+"""Each kind of sensor's table has one object that describes it, listed in :mod:`trackfg.io.formats.registry`."""

@@ -14,7 +14,7 @@ from trackfg.recording.model import LASER_COLUMNS, LASER_TABLE
 
 
 class LaserFormat(SensorFormat[Laser]):
-    """Where one rail is, along one axis. A table is called by the sensor's name."""
+    """A sensor shows where one rail is, along one axis. A table is called by the sensor's name."""
 
     key = "laser"
     model = Laser
@@ -22,7 +22,7 @@ class LaserFormat(SensorFormat[Laser]):
     several = True
 
     def columns(self, part: Laser) -> tuple[str, ...]:
-        """One."""
+        """Return the one column of displacements."""
         return (part.column,)
 
     def converter(self, part: Laser) -> RowsAlone:

@@ -1,4 +1,4 @@
-"""What files, checks, streams and memory must know of the table of one kind of sensor.
+"""A sensor format has what files, checks, streams and memory must know of the table of one kind of sensor.
 
 A sensor is a part of ``recording.toml`` (a model of :mod:`trackfg.recording.description`) and a :class:`SensorFormat`:
 its columns as recorded and in memory, what they must satisfy, and the conversion from the one to the other. Reader,
@@ -56,7 +56,7 @@ class Converter(ABC):
         """The data columns in canonical form, from times on the common clock (n,), s, and the columns as recorded."""
 
     def state(self) -> Any:
-        """What carries over from batch to batch, as JSON values; None where each row stands for itself."""
+        """The state that carries over from batch to batch, as JSON values; None where each row stands for itself."""
         return None
 
     def restore(self, state: Any) -> None:
@@ -100,7 +100,7 @@ class SensorFormat(ABC, Generic[Part]):
 
     @abstractmethod
     def written(self, part: Part, table: pd.DataFrame) -> WrittenTable:
-        """How the canonical ``table`` is written so that reading gives the same values."""
+        """Return the canonical ``table`` as it is written, so that reading gives the same values."""
 
     def table_name(self, part: Part, number: int) -> str:
         """The name of the sensor's table in memory and in a stream; ``number`` counts from 1 in a list."""
@@ -123,7 +123,9 @@ class SensorFormat(ABC, Generic[Part]):
         return []
 
     def doubts(self, part: Part, section: Section, table: pd.DataFrame, limits: CheckLimits) -> list[Finding]:
-        """What cannot be true in the canonical ``table``; ``section`` is the part's in the file. By default nothing."""
+        """Return what cannot be true in the canonical ``table``; ``section`` is the part's in the file. By default
+        nothing.
+        """
         return []
 
     def impossible(self, part: Part, columns: Sequence[Array]) -> Impossible | None:

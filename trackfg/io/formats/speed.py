@@ -29,7 +29,7 @@ class SpeedFormat(SensorFormat[Speed]):
     may_be_silent = True
 
     def columns(self, part: Speed) -> tuple[str, ...]:
-        """One."""
+        """Return the one column of speeds."""
         return (part.column,)
 
     def converter(self, part: Speed) -> RowsAlone:

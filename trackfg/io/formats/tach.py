@@ -41,7 +41,7 @@ class TachConverter(Converter):
         return (distance,)
 
     def state(self) -> Any:
-        """Where the integral stands."""
+        """The state of the integral."""
         return None if self._last is None else asdict(self._last)
 
     def restore(self, state: Any) -> None:
@@ -57,7 +57,7 @@ class TachFormat(SensorFormat[Tach]):
     canonical = TACH_COLUMNS
 
     def columns(self, part: Tach) -> tuple[str, ...]:
-        """One."""
+        """Return the one column of counts, distances or speeds."""
         return (part.column,)
 
     def converter(self, part: Tach) -> TachConverter:

@@ -1,4 +1,4 @@
-"""How much a run differs from the map where nothing has changed.
+"""A run differs from the map by noise where nothing has changed.
 
 **Sigmas as stated.** The variance of a difference is the run's plus the map's plus what a shift error makes of the
 profile, the mean square of ``before(x + e) - before(x)`` at ``e = +- sigma_e``. Sigmas of cross-level and gradient hold

@@ -1,4 +1,4 @@
-"""What moved from one map to another, by how much, and by how many sigmas of the difference.
+"""The difference of two maps lists what moved, by how much, and by how many sigmas.
 
 Let ``a``, ``b`` be the two estimates of one quantity, ``P_a``, ``P_b`` their variances. The variance of ``b - a`` is
 ``P_a + P_b - 2 cov(a, b)``, and the covariance follows from the runs in each (known by their content, so that it does

@@ -57,7 +57,8 @@ def _raise(recording_id: str, error: BadInputError) -> None:
 
 @dataclass(frozen=True)
 class Joining:
-    """How runs are joined: ``progress(what, fraction)`` is called before each, ``mapped`` with what is done to blocks.
+    """Settings of how runs are joined: ``progress(what, fraction)`` is called before each, ``mapped`` with what is done
+    to blocks.
 
     ``leave_out`` is called for a run that cannot be joined; without it that is raised. ``warn`` is called with what a
     user should know of a run that was joined.

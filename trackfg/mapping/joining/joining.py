@@ -76,7 +76,8 @@ def run_facts(summary: Summary) -> RunFacts:
 
 @dataclass(frozen=True)
 class Part:
-    """What runs add to a survey, on its grid and on its variables; parts of one survey are added in any groups.
+    """The part that runs add to a survey, on its grid and on its variables; parts of one survey are added in any
+    groups.
 
     ``grid`` and ``line``: their profiles and positions, averaged. ``place``, ``level``: of new anchors. ``origin`` is
     that of the line's frame. ``doubts``: by run, what a user should know of it.

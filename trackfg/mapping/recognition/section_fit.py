@@ -104,7 +104,7 @@ class SectionFeature:
 
     @property
     def from_middle_m(self) -> Array:
-        """How far the rows are from their section's middle, m, (m,)."""
+        """The distance of the rows from their section's middle, m, (m,)."""
         rows = self.run.shape[1]
         return np.asarray(self.step_m * (np.arange(rows) - 0.5 * rows))
 

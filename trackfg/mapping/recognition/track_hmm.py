@@ -1,4 +1,4 @@
-"""Which track of a network a run is on: a hidden Markov model of its passage through switches.
+"""A hidden Markov model of the passage through switches finds the track of a network that a run is on.
 
 The run, smoothed without the line, is given as points with a joint covariance. The states of a point are: the run is on
 one of the tracks that are near, it is on one whose line is wrong there, or it is on none. From one point to the next

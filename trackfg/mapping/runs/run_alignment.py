@@ -1,4 +1,4 @@
-"""Where a run was on another run over the same line, section by section, with a sigma each.
+"""A run is placed on another run over the same line, section by section, with a sigma each.
 
 The run's sections are recognised on the reference (:mod:`trackfg.mapping.recognition`). They are searched at the place
 of the same chainage, to the sigmas of both; where that finds too few, within two kilometres; and at last anywhere. Of

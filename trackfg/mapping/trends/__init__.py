@@ -1,1 +1,1 @@
-"""What repeated runs say of a track over time: how fast it changes, where it jumped, and when a limit is reached."""
+"""Repeated runs show how fast a track changes, where it jumped, and when a limit is reached."""

@@ -21,7 +21,8 @@ DAY_S = 86400.0
 
 @dataclass(frozen=True)
 class Wear:
-    """What had passed in all (n,) at ``days`` (n,) since 1970, ascending, and ``per`` what: ``month``, or ``mt``.
+    """The traffic that had passed in all (n,) at ``days`` (n,) since 1970, ascending, and ``per`` what: ``month``, or
+    ``mt``.
 
     Between the rows it grows evenly, and after the last at the mean rate of all.
     """

@@ -1,4 +1,4 @@
-"""What lies behind the path on a page's map: lines and named points of a GeoJSON file or a GeoPackage of the user.
+"""Lines and named points of the user's GeoJSON file or GeoPackage lie behind the path on a page's map.
 
 Both are read by :mod:`trackfg.io.features`. A layer of a GeoPackage whose reference system is undefined is in the run's
 own east and north.

@@ -1,4 +1,4 @@
-"""What the strip charts name along their axis: curves, fixes, stations and events."""
+"""The strip charts name curves, fixes, stations and events along their axis."""
 
 from __future__ import annotations
 

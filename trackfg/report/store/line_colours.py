@@ -22,7 +22,7 @@ MOST_CELLS = 600
 
 @dataclass(frozen=True)
 class Aspect:
-    """What lines are coloured by: a column of their sections, or its growth."""
+    """An aspect that lines are coloured by: a column of their sections, or its growth."""
 
     quantity: str
     growth: bool

@@ -29,7 +29,7 @@ _VERDICT = "verdict_"
 
 @dataclass(frozen=True)
 class RunChoice:
-    """Which runs are asked for: each field as it stands in a page's address, empty where all are.
+    """The choice of runs that are asked for: each field as it stands in a page's address, empty where all are.
 
     ``since`` and ``until`` are months (``2026-05``), ``state`` one of done, failed, doubted, slips; ``text`` words that
     are part of a run's name, tags, recording or reason; ``page`` counts from 1.

@@ -20,7 +20,7 @@ _FIRST = "twist_mm"
 
 @dataclass(frozen=True)
 class StoreContent:
-    """What a page of a store is made of.
+    """The content of a page of a store.
 
     ``runs`` are rows of the catalogue, ``lines`` the sections of each line by name, ``unread`` the number of results
     whose sections are not in them yet. ``progress`` says how far running batches are.

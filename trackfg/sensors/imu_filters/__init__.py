@@ -1,1 +1,1 @@
-"""What the filters of an inertial sensor leave out, and by how much they delay one of its sensors against the other."""
+"""The filters of an inertial sensor leave out short waves, and delay one of its sensors against the other."""

@@ -178,7 +178,7 @@ def clock_near_start(products: Array) -> AccelerometerClock | None:
 
 @dataclass(frozen=True)
 class _Fit:
-    """What least squares say of the ``clock``, and the share of the force's power that is ``explained``."""
+    """The least-squares estimate of the ``clock``, and the share of the force's power that is ``explained``."""
 
     clock: AccelerometerClock
     explained: float

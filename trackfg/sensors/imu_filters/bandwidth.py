@@ -59,7 +59,9 @@ _NO_POWER = 1e-300
 
 @dataclass(frozen=True)
 class Bandwidths:
-    """Where half of the power of gyro and accelerometer is left, Hz; None where the samples show no filter."""
+    """The frequencies at which half of the power of gyro and accelerometer is left, Hz; None where samples show no
+    filter.
+    """
 
     gyro_hz: float | None
     accel_hz: float | None

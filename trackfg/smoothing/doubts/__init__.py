@@ -1,1 +1,1 @@
-"""What a run's residuals, its vibration and its recording say against its sigmas; ``judgement`` puts it together."""
+"""Doubts are what residuals, motion and recording of a run say against its sigmas; ``judgement`` collects them."""

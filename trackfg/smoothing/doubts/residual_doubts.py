@@ -127,7 +127,7 @@ _PREDICTED: dict[FactorType, tuple[str, tuple[Quantity, ...]]] = {
 
 @dataclass(frozen=True)
 class SelfTest:
-    """What a run's residuals say: doubts, and what tests each quantity."""
+    """A run's test of its own residuals: doubts, and what tests each quantity."""
 
     doubts: tuple[Doubt, ...]
     checked_by: Mapping[Quantity, tuple[str, ...]]

@@ -139,7 +139,7 @@ class _Reader:
 
 
 class _Form(Protocol):
-    """How values of one annotation are written and read."""
+    """The form in which values of one annotation are written and read."""
 
     def write(self, value: Any, to: _Writer) -> Any: ...
 

@@ -1,1 +1,1 @@
-"""Where a stream is on a map."""
+"""A stream is located on a map."""

@@ -35,7 +35,7 @@ class RecentTrack:
 
     @property
     def passed_s(self) -> Array:
-        """When the places were passed, s, shape (n,)."""
+        """The times when the places were passed, s, shape (n,)."""
         return np.asarray(self.rows[:, _COLUMNS.index("t_s")])
 
     def append(self, piece: TrackPiece) -> None:

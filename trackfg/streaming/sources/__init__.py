@@ -1,1 +1,1 @@
-"""Where a stream's rows come from: a recording replayed, JSON lines, MCAP."""
+"""The rows of a stream come from a recording that is replayed, JSON lines or MCAP."""

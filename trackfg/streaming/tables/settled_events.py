@@ -45,8 +45,8 @@ _EITHER = {"fix used": "fix", "fix set aside": "fix", "landmark used": "landmark
 
 
 class EventInput(NamedTuple):
-    """What events are made from: the sources of all keyframes from :attr:`SettledEvents.needed_since_s` or before to
-    the time up to which they are emitted or after, with their run, motion, states and covariance.
+    """The input that events are made from: the sources of all keyframes from :attr:`SettledEvents.needed_since_s` or
+    before to the time up to which they are emitted or after, with their run, motion, states and covariance.
     """
 
     sources: EventSources

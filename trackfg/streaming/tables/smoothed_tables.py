@@ -45,7 +45,7 @@ _JUMP_M = 5.0
 
 
 class TableInput(NamedTuple):
-    """What tables are made from besides the history.
+    """The input that tables are made from besides the history.
 
     ``window`` with the square ``root`` of its information and its ``covariance``, if that is known, ``noise`` with the
     levels of its intervals, the recent ``rests`` (r, 2), s, the ``tach``, and the ``chainage`` of a map on which the

@@ -34,7 +34,7 @@ _UPDATES = 200
 
 
 class LiveState:
-    """What a page shows. ``watch`` is called by the stream, the rest by the threads that serve pages."""
+    """The state that a page shows. ``watch`` is called by the stream, the rest by the threads that serve pages."""
 
     def __init__(self, title: str, lag_s: float) -> None:
         self._about = {"title": title, "lag_s": lag_s}
