@@ -27,10 +27,15 @@ from trackfg.recording.model import IMU_COLUMNS
 from trackfg.sensors.averages import Motion, averaged, band_passed
 
 _STEP_S = 0.25
+"""Step of the averages that are compared, s: the band holds nothing faster."""
 _SHORT_S, _LONG_S = 0.6, 6.0
+"""Standard deviations of the two averages between which the band lies, s: vibration is faster, gradients are slower."""
 _MIN_ACCELERATION = 0.01
+"""m/s^2, rms in the band: below it the motion does not show which axis points forward."""
 _MIN_LATERAL = 0.005
+"""m/s^2, rms in the band: below it the run has no curves that show a slope."""
 _MIN_CORRELATION = 0.5
+"""An axis is shown from this correlation on: then a quarter of its force's power is the acceleration's."""
 
 
 class Comparison(NamedTuple):
@@ -100,48 +105,76 @@ def estimate_axes(
     gnss: pd.DataFrame | None = None,
     speeds: pd.DataFrame | None = None,
 ) -> AxesEstimate:
-    """Return everything above, from the tables that were read with ``imu.axes = declared``.
+    """Return the estimate of the axes of the ``imu`` table, which was read with ``imu.axes = declared``.
 
-    ``speeds`` of a receiver count without a tach, and its positions ``gnss`` without either.
+    ``speeds`` of a receiver count without a ``tach``, and its positions ``gnss`` without either.
     """
     up = mean_specific_force(imu)
     magnitude = float(np.linalg.norm(up))
     up = up / magnitude if magnitude > 0 else np.array([0.0, 0.0, 1.0])
-    vertical = int(np.argmax(np.abs(up)))
     motion = None if tach is None else averaged(imu, tach, _STEP_S)
-    forward = None if motion is None else forward_correlations(motion)
     by: ForwardBy = "tach"
-    if tach is None and speeds is not None and len(speeds) > 1:
-        forward, by = _by_receiver(imu, path_of(speeds)), "receiver"
-    if tach is None and forward is None and gnss is not None:
-        forward, by = _by_receiver(imu, path_along(gnss, imu["t_s"].to_numpy())), "positions"
+    correlations = None if motion is None else forward_correlations(motion)
+    if tach is None:
+        by, correlations = _by_receiver(imu, gnss, speeds)
+    forward = None if correlations is None else _forward_axis(correlations, up, by, np.ptp(imu["t_s"]))
     lateral = None if motion is None else lateral_balance(motion)
-    best, name, best_value = None, None, None
-    if forward is not None:
-        level = np.where(np.arange(3) == vertical, 0.0, forward)
-        axis = int(np.argmax(np.abs(level)))
-        name, best_value = f"{'-+'[int(level[axis] > 0)]}{'xyz'[axis]}", float(abs(level[axis]))
-        others = np.delete(np.abs(level), [axis, vertical])
-        is_sure = by == "tach" or _is_sure(best_value, float(others[0]), np.ptp(imu["t_s"]))
-        if best_value >= _MIN_CORRELATION and is_sure:
-            best = np.sign(level[axis]) * np.eye(3)[axis]
+    shown = forward is not None and forward.is_shown
     return AxesEstimate(
         declared=declared,
-        proposed=propose_axes(declared, up, best),
+        proposed=propose_axes(declared, up, forward.direction if forward is not None and shown else None),
         up=(float(up[0]), float(up[1]), float(up[2])),
         tilt_deg=float(np.degrees(np.arccos(np.clip(up[2], -1.0, 1.0)))),
         magnitude_mps2=magnitude,
         forward_by=None if forward is None else by,
-        forward_correlation=None if forward is None else float(forward[0]),
-        best_forward=name,
-        best_forward_correlation=best_value,
-        shown_by="gravity" if best is None else "motion",
+        forward_correlation=None if correlations is None else float(correlations[0]),
+        best_forward=None if forward is None else forward.name,
+        best_forward_correlation=None if forward is None else forward.correlation,
+        shown_by="motion" if shown else "gravity",
         lateral_correlation=None if lateral is None else lateral[1],
         gyro_slope=None if lateral is None else lateral[0],
     )
 
 
-def _by_receiver(imu: pd.DataFrame, path: pd.DataFrame | None) -> Array | None:
+class _ForwardAxis(NamedTuple):
+    """The axis across gravity with the highest ``correlation``: its ``name`` (``"+x"``) and ``direction`` (3,).
+
+    ``is_shown``: whether the correlation is high enough, and surely higher than that of the other axis.
+    """
+
+    name: str
+    direction: Array
+    correlation: float
+    is_shown: bool
+
+
+def _forward_axis(correlations: Array, up: Array, by: ForwardBy, duration_s: float) -> _ForwardAxis:
+    """Return the axis that points forward, by the correlations (3,) of all axes with the acceleration."""
+    vertical = int(np.argmax(np.abs(up)))
+    level = np.where(np.arange(3) == vertical, 0.0, correlations)
+    axis = int(np.argmax(np.abs(level)))
+    correlation = float(abs(level[axis]))
+    other = float(np.delete(np.abs(level), [axis, vertical])[0])
+    is_sure = by == "tach" or _is_sure(correlation, other, duration_s)
+    name = f"{'-+'[int(level[axis] > 0)]}{'xyz'[axis]}"
+    direction = np.sign(level[axis]) * np.eye(3)[axis]
+    return _ForwardAxis(name, direction, correlation, correlation >= _MIN_CORRELATION and is_sure)
+
+
+def _by_receiver(
+    imu: pd.DataFrame, gnss: pd.DataFrame | None, speeds: pd.DataFrame | None
+) -> tuple[ForwardBy, Array | None]:
+    """Return what of a receiver shows the acceleration, and the correlations of all axes with it; None without any."""
+    if speeds is not None and len(speeds) > 1:
+        correlations = _along_path(imu, path_of(speeds))
+        if correlations is not None:
+            return "receiver", correlations
+    if gnss is not None:
+        return "positions", _along_path(imu, path_along(gnss, imu["t_s"].to_numpy()))
+    return "receiver", None
+
+
+def _along_path(imu: pd.DataFrame, path: pd.DataFrame | None) -> Array | None:
     """Return the correlation of each axis with the acceleration along a receiver's path; None where it shows none."""
     motion = None if path is None else averaged(imu, path, _STEP_S)
     return None if motion is None else forward_correlations(motion, BY_RECEIVER)
@@ -159,12 +192,12 @@ def _is_sure(correlation: float, other: float, duration_s: float) -> bool:
 
 
 def mean_specific_force(imu: pd.DataFrame) -> Array:
-    """The median over the recording of specific force averaged over about half a second, m/s^2. Shape (3,)."""
+    """Return the median over the recording of specific force averaged over about half a second, m/s^2, (3,)."""
     return np.asarray(np.median(specific_force_blocks(imu), axis=0), dtype=np.float64)
 
 
 def specific_force_blocks(imu: pd.DataFrame) -> Array:
-    """Specific force averaged over blocks of about half a second, m/s^2. Shape (blocks, 3)."""
+    """Return specific force averaged over blocks of about half a second, m/s^2, (b, 3)."""
     accel = imu[list(IMU_COLUMNS[4:7])].to_numpy()
     interval = float(np.median(np.diff(imu["t_s"])))
     size = max(1, round(min(0.5 / max(interval, np.finfo(np.float64).tiny), accel.shape[0] // 4)))
@@ -178,7 +211,7 @@ def levelling_deg(up: Array) -> tuple[float, float]:
 
 
 def propose_axes(declared: str, up: Array, forward: Array | None) -> str:
-    """The axes string nearest to ``declared`` that turns ``up`` up and, if given, ``forward`` forward.
+    """Return the axes string nearest to ``declared`` that turns ``up`` up and, if given, ``forward`` forward.
 
     Both are directions in the vehicle axes as declared. Of the right-handed triads the one with the best fit is
     taken; among equals, the one that keeps most letters, F before L.
@@ -216,7 +249,7 @@ def forward_correlations(motion: Motion, how: Comparison = BY_TACH) -> Array | N
 
 
 def lateral_balance(motion: Motion) -> tuple[float, float] | None:
-    """Slope and correlation of ``f_y`` against ``v w_z + g int w_x dt``, both band-passed.
+    """Return slope and correlation of ``f_y`` against ``v w_z + g int w_x dt``, both band-passed.
 
     What a constant bias of w_z adds is proportional to v, and projected out of both; that of w_x does not pass the
     band. The slope is the ratio of their standard deviations with the sign of the correlation: unlike a regression it

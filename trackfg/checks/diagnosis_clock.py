@@ -31,9 +31,14 @@ from trackfg.recording.model import Recording
 from trackfg.sensors.averages import Motion, averaged, band_passed
 
 _STEP_S = 0.05
+"""Step of the averages that are compared, s; a parabola through three of them gives the offset between."""
 _SHORT_S, _LONG_S = 0.4, 3.0
+"""Standard deviations of the two averages between which the band lies, s: pulses and vibration are faster, gradients
+slower."""
 _MIN_CORRELATION = 0.4
+"""A peak of the correlation shows an offset from this on: its sigma says how well."""
 _MIN_DURATION_S = 20.0
+"""A shorter motion is not compared, s: it has less than seven times the band's longer average."""
 _MIN_ACCELERATION = 0.01
 """m/s^2, rms in the band: below it the tach does not say when anything happened."""
 
@@ -43,6 +48,7 @@ _MEMORIES = 3.5
 
 
 _SURE_SIGMAS, _SURE_SPREADS = 4.0, 3.0
+"""An offset is sure from so many of its sigmas on (1 in 16,000 by chance), and of the scatter over parts of the run."""
 _FEWEST_BLOCKS = 3
 """With fewer blocks of a signal the scatter of its lag is not estimated."""
 _LEAST_OFFSET_S = 0.02
@@ -51,8 +57,8 @@ _MADE_BY = 2.0
 """An offset that moves by so many sigmas, and is no longer sure, without the outliers is due to them."""
 _FAR_SIGMAS = 5.0
 """A tach's acceleration that is so many robust sigmas off the force is an outlier: a wheel slips, for example."""
-_CREEP_SD = 0.05
-"""Creep per g of traction, 1-sigma: what the smoother takes it for (``tach.creep_per_traction_sd``)."""
+CREEP_SD = 0.05
+"""Sigma of how much a wheel creeps per force, 1/g: what the smoother takes it for (``tach.creep_per_traction_sd``)."""
 _MAX_ACCELERATION = 8.0
 """m/s^2: a tach that changes faster slips, or jumps."""
 
@@ -196,7 +202,7 @@ class _Signals:
         residual = y - A[:, 0] * float(A[:, 0] @ y / (A[:, 0] @ A[:, 0]))
         variance = float(np.mean(residual**2)) * _LONG_S / motion.step_s  # of residuals that are alike so long
         information, right = A.T @ A, A.T @ y
-        information[2, 2] += variance / _CREEP_SD**2
+        information[2, 2] += variance / CREEP_SD**2
         with_creep, without = (np.linalg.pinv(part, hermitian=True) for part in (information, information[:2, :2]))
         gain, moved, _ = with_creep @ right
         gain_without, moved_without = without @ right[:2]

@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 import pandas as pd
 
-from trackfg.checks.diagnosis_clock import Lag, best_lag
+from trackfg.checks.diagnosis_clock import CREEP_SD, Lag, best_lag
 from trackfg.checks.diagnosis_speed import Slope, slope_of
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.chi_square import widening_of_few
@@ -29,6 +29,7 @@ from trackfg.recording.model import Recording
 from trackfg.sensors.averages import averaged, band_passed
 
 _STEP_S = 0.5
+"""Step of the chords' centres, s."""
 _CHORD_S = 4.0
 """Chords are this long, s, or two intervals of the receiver: their noise is its own over this time."""
 _SHORT_S, _LONG_S = 1.0, 8.0
@@ -39,20 +40,20 @@ _MIN_SPEED_CHANGE = 0.2
 _MIN_CHORD_SIGMAS = 10.0
 """A chord has a course where it is so many sigmas of a position long."""
 _MIN_CORRELATION = 0.7
+"""A peak of the correlation shows a delay from this on: speeds of one vehicle, unlike forces, agree but for noise."""
 _MAX_LAG_S = 20.0
+"""Longest delay that is looked for, s. Records of less than some times as much are not compared."""
 _MAX_GAP_S = 5.0
+"""Chords do not span a longer gap of the positions, s."""
 _FEWEST_FIXES = 6
+"""Fewer fixes show no delay: two unknowns and the scatter of their differences."""
 _READ_AGAIN_S = 1.0
 """A tag that is read again within this was not left between, s: no vehicle turns back as fast."""
 _SURE_SIGMAS = 3.3
 """Of a delay, within which it is chance, at the probability of 1e-3."""
-_CREEP = 0.05
-"""Sigma of how much a wheel creeps per force, 1/g, as ``tach.creep_per_traction_sd`` has it. A wheel that creeps by a
-share c of the force rolls further by ``c v Delta v / g`` while the vehicle becomes faster, as if fixes were late."""
 _ROUNDING = 1e-6
 """Residuals of fixes in their sigmas are at least so large."""
-_FURTHER_ROUNDS = 3
-_SETTLED_S = 0.1
+_FURTHER_ROUNDS, _SETTLED_S = 3, 0.1
 """Rounds after which the delay must have settled, to so many s or its sigma."""
 
 
@@ -211,11 +212,12 @@ def fix_delay(tach: pd.DataFrame, fixes: pd.DataFrame) -> FixDelay | None:
     return delay_of(FixPassages(at, np.interp(at, t, distance), speed, *shown))
 
 
-def delay_of(passages: FixPassages, creep_sd: float = _CREEP) -> FixDelay | None:
+def delay_of(passages: FixPassages, creep_sd: float = CREEP_SD) -> FixDelay | None:
     """Return how late fixes are, by the differences of successive ones.
 
-    ``creep_sd``: how well it is known how much the wheel, by which the distance was measured, creeps per force, 1/g.
-    None with fewer than six fixes, or where all were passed at one speed.
+    ``creep_sd``: the sigma of how much the wheel, by which the distance was measured, creeps per force, 1/g. A wheel
+    that creeps by a share c of the force rolls further by ``c v Delta v / g`` while the vehicle becomes faster, as if
+    fixes were late. None with fewer than six fixes, or where all were passed at one speed.
     """
     if not len(passages.t):
         return None

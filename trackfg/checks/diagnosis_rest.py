@@ -17,6 +17,7 @@ from trackfg.numerics.units import STANDARD_GRAVITY
 from trackfg.recording.model import Recording
 
 _TAU_S = 0.25
+"""Averages over this, s, show the white noise: a drift of the bias adds little to their differences yet."""
 _MARGIN_S = 0.5
 """Left out at both ends of a standstill: brakes and couplings are still settling."""
 _GRAVITY_SD = 0.03

@@ -25,8 +25,11 @@ SHORTEST_S = 20.0
 _MARGIN_S = 5.0
 """Left out at both ends of a span, s: with one pulse per revolution a start shows when 3 m have been rolled."""
 _BLOCK_S = 2.0
+"""Length of the blocks whose means are compared, s: vibration is averaged out, and motion is not."""
 _FEWEST_BLOCKS = 5
+"""Fewer blocks have no range between quantiles of 0.1 and 0.9."""
 _FEWEST_ROWS = 10
+"""Fewer rows at rest give no noise to hold the range against."""
 _LEAST_RANGE = np.array([0.01, 0.01, 0.01, 0.15, 0.15, 0.15])
 """rad/s, m/s^2: the drift of a poor sensor over hours (0.5 deg/s, 15 mg: data sheets of phones' IMUs) and people on
 board stay below."""

@@ -25,6 +25,7 @@ from trackfg.recording.strict_model import Model
 from trackfg.sensors.averages import averaged
 
 _STEP_S = 0.5
+"""Step of the averages of motion that are looked at, s."""
 _SAME_LATITUDE_DEG = 0.5
 """A line is so near to the latitude that is declared for it, deg: 55 km."""
 

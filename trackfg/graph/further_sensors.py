@@ -37,7 +37,7 @@ from trackfg.numerics.spans import median_interval
 from trackfg.recording.canonical import pulse_m
 from trackfg.recording.description import FurtherTach, GnssSpeed, RecordingDescription, Speed, Table, Tach
 from trackfg.recording.model import GNSS_SPEED_TABLE, TACH_COLUMNS, Recording
-from trackfg.sensors.tach import Wheel, longest_silence_s, read_resolution
+from trackfg.sensors.tach import LEAST_ROUNDING_M, Wheel, longest_silence_s, read_resolution
 
 BEFORE_S = 1.0
 """Rows this much older than an interval (s) determine how far apart rows usually are."""
@@ -51,8 +51,6 @@ _READ_S = 0.25
 """A tach is read off at a keyframe from as much before and after (s), as its rate is in :mod:`trackfg.sensors.tach`."""
 _READINGS = 26
 """As many readings are taken within that: one each 20 ms."""
-_LEAST_ROUNDING_M = 1e-4
-"""Of a reading that is no count (m), as in :mod:`trackfg.sensors.tach`."""
 _NO_ROWS = np.array([[-1e12, 1.0 - 1e12], [0.0, 0.0]])
 """Times (s, before any run) and values of a table that covers nothing."""
 _GRID_S = 0.1
@@ -167,10 +165,10 @@ def _readings(wheel: Wheel, at: Array) -> tuple[Array, Array, Array]:
 def _rounding_sd(part: FurtherTach, t: Array, distance: Array) -> float:
     """Return the rounding error of one reading, 1-sigma in m."""
     if part.integrates_speed:
-        return _LEAST_ROUNDING_M
+        return LEAST_ROUNDING_M
     if part.kind == "pulses":
         return pulse_m(part) / float(np.sqrt(12.0))
-    return read_resolution(t, distance)[1] if t.size > 2 else _LEAST_ROUNDING_M
+    return read_resolution(t, distance)[1] if t.size > 2 else LEAST_ROUNDING_M
 
 
 def _speed(inputs: GraphInputs, sensor: FurtherSensor) -> Family:

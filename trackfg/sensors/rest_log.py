@@ -13,6 +13,7 @@ import numpy as np
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.spans import median_interval, true_runs
 from trackfg.recording.model import Recording
+from trackfg.sensors.standstills import SWAY
 from trackfg.sensors.tach_rests import tach_rests
 
 _BLOCK_S = 1.0
@@ -21,10 +22,6 @@ _BLOCK_S = 1.0
 _FEWEST = 10
 """Samples of a block, at least."""
 
-_TOLERANCE = np.array([2e-3] * 3 + [0.05] * 3)
-"""Besides noise, means of neighbouring blocks differ at rest by no more, rad/s and m/s^2: wind, passengers. One that
-brakes or starts at 0.05 m/s^2 differs by more (as in :mod:`trackfg.sensors.standstills`).
-"""
 
 _SIGMAS = 5.0
 """Of the difference of two means: of a day's blocks of six channels 0.3 differ by more."""
@@ -99,7 +96,7 @@ def _steady(t: Array, samples: Array, edges: Array) -> np.ndarray:
     half_step = 0.5 * np.sqrt((steps_of(samples).reshape(2, 3) ** 2).sum(axis=1))
     calm = np.all(scatter <= np.maximum(_LOUDER * np.quantile(scatter, 0.25, axis=0), 1.001 * half_step), axis=1)
     of_mean = variance / count
-    near = np.all(np.abs(np.diff(mean, axis=0)) <= _TOLERANCE + _SIGMAS * np.sqrt(of_mean[1:] + of_mean[:-1]), axis=1)
+    near = np.all(np.abs(np.diff(mean, axis=0)) <= SWAY[:6] + _SIGMAS * np.sqrt(of_mean[1:] + of_mean[:-1]), axis=1)
     return np.asarray(complete & calm & np.append(True, near) & np.append(near, True))
 
 

@@ -64,9 +64,9 @@ _QUIET_RATIO = 5.0
 _SIGMAS = 4.0
 """Of a block's mean, that it may differ by: 6e-5 of good ones differ by more."""
 
-_TOLERANCE = np.array([2e-3] * 3 + [0.05] * 3 + [0.02])
-"""A body at rest sways by this much besides, rad/s and m/s^2: wind, passengers; one that brakes or starts, by more.
-Chosen on simulated runs.
+SWAY = np.array([2e-3] * 3 + [0.05] * 3 + [0.02])
+"""A body at rest sways by this much besides noise, rad/s and m/s^2: wind, passengers; its tach's speed varies by the
+last, m/s. A body that brakes or starts at 0.05 m/s^2 moves by more. Chosen on simulated runs.
 """
 
 _CRAWL_MPS = 1.0
@@ -248,8 +248,8 @@ def _confirmed(samples: _Samples, candidates: Array, *, noise_hides_starts: bool
 
 
 def _near(mean: Array, centre: Array, error: Array) -> np.ndarray:
-    """Return whether blocks' means (b, 6) are those at ``centre``, up to noise. Shape (b,)."""
-    near: np.ndarray = np.all(np.abs(mean - centre) <= _TOLERANCE + _SIGMAS * error, axis=1)
+    """Return whether blocks' means (b, 7) are those at ``centre``, up to noise. Shape (b,)."""
+    near: np.ndarray = np.all(np.abs(mean - centre) <= SWAY + _SIGMAS * error, axis=1)
     return near
 
 
@@ -319,7 +319,7 @@ def _of_one_rate(samples: _Samples, spans: list[Span]) -> list[Span]:
     order = np.argsort(rates, axis=0)
     middle = (np.cumsum(duration[order], axis=0) < 0.5 * duration.sum()).sum(axis=0)
     usual = np.take_along_axis(rates, order, axis=0)[middle, np.arange(3)]
-    near = np.all(np.abs(rates - usual) < _TOLERANCE[:3], axis=1)
+    near = np.all(np.abs(rates - usual) < SWAY[:3], axis=1)
     return [span for span, kept in zip(spans, near, strict=True) if kept]
 
 

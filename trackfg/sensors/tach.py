@@ -36,7 +36,7 @@ _CLEARLY_BACKWARDS = -0.7
 counts as backwards.
 """
 
-_LEAST_ROUNDING_M = 1e-4
+LEAST_ROUNDING_M = 1e-4
 """A reading is no better than this, m: what a wheel's roundness and its bearings leave of a fine resolution."""
 
 _USUAL_INTERVALS = 3.5
@@ -168,7 +168,7 @@ def read_wheel(recording: Recording, max_gap_s: float) -> Wheel | None:
     description, table = recording.description.tach, recording.tach
     t, distance = table["t_s"].to_numpy(), table["distance_m"].to_numpy()
     speed = description.integrates_speed
-    quantum, rounding = (0.0, _LEAST_ROUNDING_M) if speed else read_resolution(t, distance)
+    quantum, rounding = (0.0, LEAST_ROUNDING_M) if speed else read_resolution(t, distance)
     gaps = silences(t, distance, quantum, longest_silence_s(t, max_gap_s))
     if not description.signed:
         distance = _signed(t, distance, recording)
@@ -193,7 +193,7 @@ def read_resolution(t: Array, distance: Array) -> tuple[float, float]:
     rounding = quantum / float(np.sqrt(12.0))
     if rows_are_pulses(t, distance, quantum):
         rounding = _EDGE_STAMPED_FRACTION * quantum
-    return quantum, max(rounding, _LEAST_ROUNDING_M)
+    return quantum, max(rounding, LEAST_ROUNDING_M)
 
 
 def longest_silence_s(t: Array, max_gap_s: float) -> float:

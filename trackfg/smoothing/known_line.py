@@ -43,6 +43,7 @@ _STEP_M = 25.0
 _NEAR_M = 30.0
 """Tracks are looked for within this, m, and within :data:`_NEAR_SIGMAS` of run and line."""
 _NEAR_SIGMAS = 5.0
+"""Sigmas of the distance between run and line: one of 1.7 million is larger by chance."""
 _SETTLED_M = 0.1
 """Feet that move less from solution to solution, m, are where they were: over 0.1 m no track turns by 0.5 deg."""
 _ROUNDS = 4

@@ -44,7 +44,7 @@ NEIGHBOURS = _SPAN_CELLS // 2 + _CHORD_CELLS
 FEWEST_CELLS = 4
 """Circles of fewer cells are left out: the mean and the slope of three are two thirds of them."""
 
-_ALIKE_CELLS = 3.0
+ALIKE_CELLS = 3.0
 """Irregularities of the cross-level are alike over some 30 m, so that so many cells are worth one."""
 
 _LEAST_POWER = 1e-10
@@ -114,12 +114,12 @@ def circle_sums(x: Array, roll: Array, within: Iterable[slice]) -> Array:
 def lean_of(sums: Array) -> Lean:
     """Return the slope of roll against x within circles, and its sigma; infinite where no speed changes."""
     power, product, of_roll, cells, number = sums.tolist()
-    free = cells / _ALIKE_CELLS - number - 1.0
+    free = cells / ALIKE_CELLS - number - 1.0
     if power < _LEAST_POWER or free <= 0.0:
         return Lean(0.0, np.inf)
     share = product / power
-    variance = (of_roll - share * product) / _ALIKE_CELLS / free
-    return Lean(share, float(np.sqrt(_ALIKE_CELLS * max(variance, 0.0) / power)))
+    variance = (of_roll - share * product) / ALIKE_CELLS / free
+    return Lean(share, float(np.sqrt(ALIKE_CELLS * max(variance, 0.0) / power)))
 
 
 def pull(speed: Array, heading: Array) -> Array:

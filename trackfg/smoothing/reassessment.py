@@ -21,6 +21,9 @@ from trackfg.solver.covariance import Covariance
 from trackfg.solver.gauss_newton import Solution
 from trackfg.solver.variance_components import Residuals, ratios_of
 
+LEAST_CHANGE = 1.2
+"""A sigma that would change by less than this factor stays: the solution would hardly change."""
+
 _BLAMED = 1.5
 """Ratio of seen to assumed noise of another group up to which positions are judged all the same: large errors of
 positions raise those of the inertial sensors by as much."""

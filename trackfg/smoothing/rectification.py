@@ -25,7 +25,7 @@ from trackfg.factors.states import KEYFRAME_DIM, Kind, offset_in_keyframe
 from trackfg.numerics.arrays import Array
 from trackfg.recording.findings import Finding
 from trackfg.results.verdict import Doubt
-from trackfg.smoothing.reassessment import Reassessment, SolvedRun
+from trackfg.smoothing.reassessment import LEAST_CHANGE, Reassessment, SolvedRun
 from trackfg.solver.leave_one_out import prior_left_out
 
 _FAR_SIGMAS = 3.0
@@ -40,9 +40,6 @@ through a filter that leaves a tenth of the power: 50 of 500 Hz on an axle box (
 
 _LEAST_FREE = 1e-6
 """1 - h at least: beyond it rounding decides what the data alone say."""
-
-_WIDENED = 1.2
-"""A sigma that would change by less than this factor stays: the solution would hardly change."""
 
 
 def rectification(run: SolvedRun) -> Reassessment:
@@ -65,7 +62,7 @@ def rectification(run: SolvedRun) -> Reassessment:
     beyond = float(np.max(np.abs(alone) / np.hypot(most, np.sqrt(variance))))
     doubts = (_unexplained(beyond),) if beyond > _FAR_SIGMAS else ()
     findings = _findings(k, bool((wanted > first).any()))
-    if np.abs(np.log(wanted / sd)).max() <= np.log(_WIDENED) and not np.array_equal(wanted, first):
+    if np.abs(np.log(wanted / sd)).max() <= np.log(LEAST_CHANGE) and not np.array_equal(wanted, first):
         wanted = sd
     if np.array_equal(wanted, sd):
         return Reassessment(problem, findings, doubts)

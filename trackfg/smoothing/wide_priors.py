@@ -37,7 +37,7 @@ from trackfg.smoothing.doubts.gradient_doubts import is_steeper_than_any_line
 from trackfg.smoothing.doubts.mounting_doubts import lasting_pull, moving_point
 from trackfg.smoothing.noise_levels import FAR_OFF
 from trackfg.smoothing.noisy_response import without_noise
-from trackfg.smoothing.reassessment import Reassessment, SolvedRun, others_are_worse
+from trackfg.smoothing.reassessment import LEAST_CHANGE, Reassessment, SolvedRun, others_are_worse
 from trackfg.solver.leave_one_out import prior_left_out
 
 _FAR_SIGMAS = 4.0
@@ -45,9 +45,6 @@ _FAR_SIGMAS = 4.0
 
 _NEAR_SIGMAS = 3.0
 """Within this a prior is as declared again: noise levels that were wrong at first make priors look contradicted."""
-
-_WIDENED = 1.2
-"""A sigma that would change by less than this factor stays: the solution would hardly change."""
 
 _LEAST_FREE = 1e-9
 """1 - h at least: beyond it rounding decides what the data alone say."""
@@ -210,7 +207,7 @@ def wide_priors(run: SolvedRun) -> Reassessment:
             # Conventions, and what has no text, are left to other reassessors.
             others = np.setdiff1d(np.arange(wanted.shape[1]), list(columns))
             wanted[0, others] = current.sigma[0, others]
-            if np.abs(np.log(wanted / current.sigma)).max() > np.log(_WIDENED):
+            if np.abs(np.log(wanted / current.sigma)).max() > np.log(LEAST_CHANGE):
                 any_changed, problem = True, _with_sigma(problem, current, wanted)
     return Reassessment(problem, tuple(findings), tuple(doubts), changed=any_changed)
 

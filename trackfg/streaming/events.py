@@ -17,8 +17,8 @@ import pandas as pd
 from trackfg.numerics.arrays import Array
 from trackfg.results.events import Event, events_frame
 
-QUIET_PUSHES = 10
-LONGEST_PUSHES = 100
+QUIET_PUSHES, LONGEST_PUSHES = 10, 100
+"""Batches: at ten a second an event is out a second after its last row, and within ten seconds of its first."""
 
 LOSS_KINDS = {
     "not-finite": "NaN, infinite or above 1e12",

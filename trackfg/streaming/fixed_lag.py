@@ -68,6 +68,7 @@ NO_TRAJECTORY = pd.DataFrame(columns=list(TRAJECTORY_COLUMNS), dtype=np.float64)
 NO_GEOMETRY = pd.DataFrame(columns=["t_s", *GEOMETRY_COLUMNS], dtype=np.float64)
 
 _JUST_S = 1e-6
+"""Rows just before a keyframe belong to it, s: rounding of times of a day is 1e-11 s."""
 _KEPT_S = 30.0
 """While nothing measures the speed, rows older than this are dropped, s: no window begins with them."""
 BEFORE_S = 10.0

@@ -24,6 +24,7 @@ bridged well; of two of 120 s one was not, nor was one of 160 s."""
 _BESIDE_S = 1.0
 """Rows of the tach that are further from an outage than this, s, do not determine the count at its ends."""
 _JUST_S = 1e-6
+"""Times that differ by less, s, are one: rounding of times of a day is 1e-11 s."""
 
 
 class Outage(NamedTuple):

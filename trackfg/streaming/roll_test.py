@@ -15,6 +15,7 @@ import numpy as np
 
 from trackfg.numerics.arrays import Array
 from trackfg.results.events import DOUBT, Event
+from trackfg.smoothing.leaning_body import ALIKE_CELLS
 from trackfg.smoothing.passage import STEP_M
 from trackfg.smoothing.straights import (
     MARGIN,
@@ -26,9 +27,6 @@ from trackfg.smoothing.straights import (
 
 _SIGMAS = 3.3
 """Of the mean roll, within which it is chance, at the probability of 1e-3 as of other doubts of a stream."""
-
-_ALIKE_CELLS = 3.0
-"""Irregularities of the cross-level are alike over some 30 m, so that so many cells are worth one."""
 
 
 @dataclass
@@ -69,7 +67,7 @@ class RollTest:
         if number * STEP_M < SHORTEST_M:
             return ()
         mean = roll / weights
-        of_track = (squares / weights - mean**2) * _ALIKE_CELLS * of_weights / weights**2
+        of_track = (squares / weights - mean**2) * ALIKE_CELLS * of_weights / weights**2
         if mean**2 < _SIGMAS**2 * (number / weights + of_track):
             return ()
         advice = "declare mount_rpy_deg or mount_roll_sd_deg of [imu], or smooth the recording"

@@ -27,7 +27,7 @@ from scipy.ndimage import gaussian_filter1d, shift
 from trackfg.numerics.arrays import Array
 from trackfg.recording.model import Recording
 from trackfg.sensors.averages import Motion, averaged, band_passed
-from trackfg.sensors.imu_filters.block_fit import FEWEST_BLOCKS, block_fit
+from trackfg.sensors.imu_filters.block_fit import FEWEST_BLOCKS, LEAST_EXPLAINED, block_fit
 from trackfg.sensors.tach import with_sense
 
 STEP_S = 0.02
@@ -53,10 +53,6 @@ and T as factors, and the force."""
 ENOUGH_S = 600.0
 """So long a time suffices, s: filters do not change."""
 
-_LEAST_EXPLAINED = 0.9
-"""The share of the force's power that the equation explains at least. It is 0.98 and more of rigid vehicles faster than
-5 m/s, and 0.2 at most of bodies on springs (all scenarios)."""
-
 STARTS_S = (-0.09, -0.06, -0.03, 0.0, 0.03, 0.06, 0.09)
 """Offsets from which least squares lead to the best one, s. From 0.025 s away they are 1.7 ms short of it, from 0.015 s
 0.3 ms (``mainline``). A filter of second order at 5 Hz delays by 0.045 s; the band's shortest waves come again after
@@ -66,6 +62,7 @@ _SLOWEST = 1.2
 """Steps as long, over :data:`STEP_S`, will do: 50 samples a second with stamps that scatter."""
 
 _ROUNDS, _SETTLED_S = 10, 1e-5
+"""Fits at most, and the change of the offset, s, at which they end: a hundredth of what matters."""
 _FURTHEST_S = 0.15
 """Offsets beyond this are none, s."""
 
@@ -185,7 +182,7 @@ class _Fit:
 
 
 def _shown_by(fit: _Fit | None) -> AccelerometerClock | None:
-    return None if fit is None or fit.explained < _LEAST_EXPLAINED else fit.clock
+    return None if fit is None or fit.explained < LEAST_EXPLAINED else fit.clock
 
 
 def _best_fit(products: Array) -> _Fit | None:

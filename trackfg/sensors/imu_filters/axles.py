@@ -33,7 +33,7 @@ from scipy.ndimage import gaussian_filter1d
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.chi_square import widening_of_few
 from trackfg.numerics.spans import true_runs
-from trackfg.sensors.imu_filters.block_fit import block_fit
+from trackfg.sensors.imu_filters.block_fit import LEAST_EXPLAINED, block_fit
 from trackfg.sensors.imu_intervals import Intervals, means_between
 from trackfg.sensors.imu_noise import WhiteNoise
 
@@ -62,10 +62,8 @@ _SPEED_S = 0.5
 _BLOCK_M = 100.0
 """Blocks are far longer than what the band remembers, m."""
 
-_LEAST_EXPLAINED = 0.9
-"""The share of the force's power that the equation explains at least: what is on springs has a motion of its own."""
-
 _SURE_SIGMAS = 4.0
+"""Axles, or a motion of the sensor's own, are sure from so many sigmas on: 1 in 30,000 runs by chance."""
 
 SIGNALS = 7
 """Signals that have products: the terms p, p', v p', q, q' and p'', and the force."""
@@ -166,7 +164,7 @@ def axles(sums: TrackSums) -> Axles | None:
     noise = min((1.0 - fit.explained) * fit.whole[0, 0], of_rate) / fit.whole[1, 1]
     bend = fit.ratio - noise
     left = 1.0 - fit.explained - of_force / fit.power
-    if abs(left) > 1.0 - _LEAST_EXPLAINED or bend < _SURE_SIGMAS * fit.sd:
+    if abs(left) > 1.0 - LEAST_EXPLAINED or bend < _SURE_SIGMAS * fit.sd:
         return None
     return Axles(math.sqrt(12.0 * bend))
 
@@ -179,6 +177,6 @@ def own_motion(sums: TrackSums) -> float | None:
     if fit is None:
         return None
     unexplained = fit.left - sums.noise.sum(axis=1)
-    beyond = unexplained - (1.0 - _LEAST_EXPLAINED) * sums.products[:, -1, -1]
+    beyond = unexplained - (1.0 - LEAST_EXPLAINED) * sums.products[:, -1, -1]
     sd = widening_of_few(len(beyond) - 1) * float(np.std(beyond)) * math.sqrt(len(beyond))
     return float(unexplained.sum()) / fit.power if beyond.sum() > _SURE_SIGMAS * sd else None

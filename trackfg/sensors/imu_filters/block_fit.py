@@ -12,6 +12,11 @@ from trackfg.numerics.chi_square import widening_of_few
 FEWEST_BLOCKS = 10
 """Fewer blocks do not show how the unknown scatters beside some others."""
 
+LEAST_EXPLAINED = 0.9
+"""The share of the force's power that an equation of a sensor's motion along the track explains at least. It is 0.98
+and more of rigid vehicles faster than 5 m/s, and 0.2 at most of bodies on springs, whose motion is their own (all
+scenarios)."""
+
 
 class BlockFit(NamedTuple):
     """``ratio``: the last unknown over the first, the gain; its sigma ``sd``; ``left`` (b,): the power of the observed

@@ -44,11 +44,13 @@ if TYPE_CHECKING:
 _BEHIND_M = 500.0
 """Keyframes are kept so far back, m: a section that is not certain by then does not count."""
 _BEHIND_KEYFRAMES = 400
+"""No more keyframes are kept than this: at rest and at a crawl their number per metre has no bound."""
 _KNOWN_M = 200.0
 """A position with a smaller sigma is known, m: it is sought nowhere else."""
 _FOUND_SD_M = 10.0
 """Sigma of a position that was found by following, m."""
 _AGREE_M = 20.0
+"""Two places that were followed one after the other agree within this, m."""
 _AROUND_M = 150.0
 """How much of the map is used on either side of where the recent track may be, m."""
 _LOST_M = 1000.0
