@@ -3,14 +3,21 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 import pandas as pd
 
 from trackfg.errors import BadInputError
-from trackfg.interchange.importing.columns.column_names import axis_and_rest, is_other, meaning, parts_of
+from trackfg.interchange.importing.columns.column_names import (
+    axis_and_rest,
+    is_other,
+    meaning,
+    names_axis_in_words,
+    parts_of,
+)
 from trackfg.interchange.importing.columns.written_units import Quantity, factor_of, usual_name
 from trackfg.interchange.importing.source_table import SourceTable
 from trackfg.numerics.chainage.km_notation import is_metres, metres_of
@@ -128,14 +135,26 @@ def _holds_places(column: pd.Series) -> bool:
 
 
 def triples(table: SourceTable, kind: InertialKind) -> list[Triple]:
-    """Return the triples of columns of one kind, by name or else by unit, with equal names but for the axis."""
-    groups: dict[str, dict[str, str]] = {}
+    """Return the triples of columns of one kind, by name or else by unit, with equal names but for the axis.
+
+    Axes in letters are those of the sensor, in words (``forward``, ``lateral``, ``down``) those of the vehicle: a
+    triple has axes of both only where there is no other.
+    """
+    by_notation: dict[tuple[str, bool], dict[str, str]] = {}
+    by_axis: dict[str, dict[str, str]] = {}
     for name in table.columns:
-        axis, rest = axis_and_rest(full_name(table, name), _stated_unit(table, name))
+        full = full_name(table, name)
+        axis, rest = axis_and_rest(full, _stated_unit(table, name))
         if axis and kind == kind_in(table, name) and pd.api.types.is_numeric_dtype(table.frame[name]):
-            groups.setdefault(rest, {})[axis] = name
-    found = [(axes["x"], axes["y"], axes["z"]) for axes in groups.values() if len(axes) == len("xyz")]
-    return [triple_of(table, columns, kind) for columns in (found or _numbered(table, kind))]
+            by_notation.setdefault((rest, names_axis_in_words(full)), {})[axis] = name
+            by_axis.setdefault(rest, {}).setdefault(axis, name)
+    vectors = _complete(by_notation) or _complete(by_axis) or _numbered(table, kind)
+    return [triple_of(table, columns, kind) for columns in vectors]
+
+
+def _complete(groups: Mapping[Any, Mapping[str, str]]) -> list[tuple[str, str, str]]:
+    """Return the columns x, y, z of the groups that have all three axes."""
+    return [(axes["x"], axes["y"], axes["z"]) for axes in groups.values() if len(axes) == len("xyz")]
 
 
 def _numbered(table: SourceTable, kind: InertialKind) -> list[tuple[str, str, str]]:
@@ -162,7 +181,7 @@ def nameless_triples(table: SourceTable) -> list[tuple[str, str, str]]:
         plain = axis is not None and kind_in(table, name) is None and not is_other(full_name(table, name))
         if axis is not None and plain and pd.api.types.is_numeric_dtype(table.frame[name]):
             groups.setdefault(rest, {})[axis] = name
-    return [(axes["x"], axes["y"], axes["z"]) for axes in groups.values() if len(axes) == len("xyz")]
+    return _complete(groups)
 
 
 def triple_of(table: SourceTable, columns: tuple[str, str, str], kind: InertialKind) -> Triple:

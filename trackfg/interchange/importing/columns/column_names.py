@@ -14,9 +14,9 @@ _AXIS = re.compile(
     r"(?<=[\u3040-\u9fff])([XYZ])$"
 )
 _NAMED_AXIS = {
-    "x": re.compile(r"roll|wank|longitudinal|\blong?(?=acc)|\blong\b|l(ä|ae)ngs|in.?line|right/left"),
+    "x": re.compile(r"roll|wank|longitudinal|\blong?(?=acc)|\blong\b|l(ä|ae)ngs|in.?line|right/left|\bforward(?!/)"),
     "y": re.compile(r"pitch|nick|lateral|\blat(?=acc)|\blat\b|quer|forward/back"),
-    "z": re.compile(r"yaw|gier|vertical|vertikal|\bvert(?=acc)|\bvert\b|hoch|up/down"),
+    "z": re.compile(r"yaw|gier|vertical|vertikal|\bvert(?=acc)|\bvert\b|hoch|up/down|\bdown$"),
 }
 """Axes of a vehicle in words, English and German: of rotation rates, and of forces along the same axes. A GoPro calls
 the axes x, y and z of its gyro so for its accelerometer: ``right/left``, ``forward/back``, ``up/down``."""
@@ -68,7 +68,8 @@ _PATTERNS = {
     "sd_horizontal": r"h(or\w*)?[ _]?acc|horizontal.?accuracy|^((gps|gnss|location)[ _])?accuracy|sd[ _]?[neh]\b",
     "sd_vertical": r"v(er\w*)?[ _]?acc\b|vertical.?accuracy|altitude.?accuracy|sd[ _]?[uv]\b",
     "time": (
-        r"^t$|time|zeit|uhr|datum|(?<!up)date|horodat|врем|utc|stamp|elapsed|epoch|heure|seconds?$|^ts$|^gpst$|\btow\b|\bso[wd]$|"
+        r"^t$|^t (imu|gyro?|acc\w*|wheel|rad|tach\w*|odo\w*|enc\w*|speed|gps|gnss|pos\w*)$|"
+        r"time|zeit|uhr|datum|(?<!up)date|horodat|врем|utc|stamp|elapsed|epoch|heure|se[ck](ond|unde)?[sn]?$|^ts$|^gpst$|\btow\b|\bso[wd]$|"
         r"seconds? of (the )?(day|week)$|"
         r"時刻|時間|时间|tiempo|^temps|hora|^aika|^tid$|^tijd|^czas|^clock$|^millis|^micros"
     ),
@@ -154,6 +155,11 @@ def axis_and_rest(name: str, unit: str = "") -> tuple[str | None, str]:
     if axis is None and rest.casefold() in _BODY_RATES and factor_of(unit or in_name, "angular rate") is not None:
         return _BODY_RATES[rest.casefold()], ""
     return axis, letters
+
+
+def names_axis_in_words(name: str) -> bool:
+    """Return whether a name has its axis in a word, ``lateral``, and not in a letter."""
+    return not (_INDEX.search(name.strip()) or _AXIS.search(_without_unit(name.strip())[0]))
 
 
 def _axis_and_rest(name: str) -> tuple[str | None, str]:

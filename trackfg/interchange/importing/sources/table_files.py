@@ -20,6 +20,7 @@ from trackfg.interchange.importing.shapes.continued_files import with_joined_fil
 from trackfg.interchange.importing.shapes.long_table import wide_tables
 from trackfg.interchange.importing.shapes.missing_values import without_stand_ins
 from trackfg.interchange.importing.shapes.pair_lines import has_pairs, read_pairs
+from trackfg.interchange.importing.shapes.side_by_side import parted
 from trackfg.interchange.importing.shapes.tagged_lines import delimiter_of_tagged, has_sentences, read_tagged
 from trackfg.interchange.importing.shapes.united_cells import without_units_in_cells
 from trackfg.interchange.importing.shapes.written_angles import with_degrees
@@ -90,7 +91,7 @@ def read_table_files(
     tables, alone = without_rowless_parts(tables, list(rowless))
     if alone:
         raise rowless[alone[0]]
-    made = [part for table in tables for part in _by_channel(table)]
+    made = [part for table in tables for block in parted(table) for part in _by_channel(block)]
     return with_joined_files(with_joined_channels(made))
 
 
