@@ -7,14 +7,13 @@ recording -> graph and initial values -> Gauss-Newton -> covariances -> reassess
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field, fields, replace
 from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
-import pandas as pd
 
 from trackfg.checks.columns import memory_faults
 from trackfg.checks.inertial.imu_faults import without_imu_faults
@@ -23,12 +22,9 @@ from trackfg.checks.inertial.repeated_rows import without_repeated_rows
 from trackfg.checks.limits import CheckLimits
 from trackfg.checks.tach_correction import TachCorrection, corrected_tach
 from trackfg.config import SmoothConfig
-from trackfg.factors.factor_type import FactorType
-from trackfg.factors.states import Kind
 from trackfg.graph.balise_ties import with_balise_ties
 from trackfg.graph.build import Problem, build_problem, too_short
 from trackfg.graph.creeping_wheel import with_creeping_wheels
-from trackfg.graph.further_sensors import further_sensors
 from trackfg.graph.inputs import declared_noise
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.blas_threads import ThreadBeside, one_thread
@@ -42,29 +38,28 @@ from trackfg.output.rail_profiles import seen_profiles
 from trackfg.output.track_geometry import geometry_table
 from trackfg.output.trajectory import calibration_table, trajectory_table
 from trackfg.recording.antenna import with_antenna_named
-from trackfg.recording.description import GnssSpeed
 from trackfg.recording.findings import Finding, raise_first
 from trackfg.recording.model import Recording, refuse_other_than_recording
 from trackfg.results.balise_passages import BalisePassages
 from trackfg.results.official_places import unplaced
 from trackfg.results.place_covariance import PlaceCovariance
 from trackfg.results.result import Result
-from trackfg.results.summary import Estimate, Mounting, RunFacts, Solver, Summary, VectorEstimate
-from trackfg.results.verdict import Verdict, widening
 from trackfg.results.widening import widened, widened_passages, widened_places
 from trackfg.sensors.displacement import RailView, rail_views
+from trackfg.smoothing.clocks.imu_clock_jumps import without_imu_clock_jumps
+from trackfg.smoothing.clocks.late_accelerometer import with_accelerometer_in_time
+from trackfg.smoothing.clocks.late_clocks import Offsets, gnss_moved_s, solved_in_time, with_gnss_in_time, with_offsets
 from trackfg.smoothing.doubts.judgement import judged
 from trackfg.smoothing.doubts.late_fix_doubts import late_fix_doubts
 from trackfg.smoothing.doubts.recording_doubts import recording_doubts, recording_findings
 from trackfg.smoothing.fixes.balise_fixes import balise_findings, with_balise_fixes
 from trackfg.smoothing.fixes.wrong_fixes import with_consensus
-from trackfg.smoothing.imu_clock_jumps import without_imu_clock_jumps
-from trackfg.smoothing.late_accelerometer import with_accelerometer_in_time
-from trackfg.smoothing.late_clocks import Offsets, gnss_moved_s, solved_in_time, with_gnss_in_time, with_offsets
-from trackfg.smoothing.noise_levels import levels, lowered_levels, miscounted, noise_findings
+from trackfg.smoothing.noise_levels import levels, lowered_levels, miscounted
 from trackfg.smoothing.rail_ties import with_rail_factors
 from trackfg.smoothing.reassessment import RunSolver, SolvedRun, reassessed
 from trackfg.smoothing.reassessors import REASSESSORS
+from trackfg.smoothing.run_summary import summary_of
+from trackfg.smoothing.smoothed_states import SmoothedStates
 from trackfg.smoothing.straights import with_roll_of_mounting
 from trackfg.smoothing.weightless_sensors import without_contradicted_speeds, without_unmeasured_rows
 from trackfg.solver.covariance import Covariance, posterior_covariance
@@ -74,7 +69,6 @@ from trackfg.solver.variance_components import Residuals, group_residuals
 if TYPE_CHECKING:
     from trackfg.maps.feature_map import FeatureMap
     from trackfg.recording.known_line import KnownLine
-    from trackfg.smoothing.known_line import RunOnLine
     from trackfg.smoothing.localisation import Located
 
 Progress = Callable[[str, float], None]
@@ -98,25 +92,6 @@ class _Stages:
     def _report(self, name: str, done: float) -> None:
         if self.progress is not None:
             self.progress(name, done)
-
-
-@dataclass(frozen=True, kw_only=True)
-class SmoothedStates(SolvedRun):
-    """Everything the smoother knows, before it becomes files.
-
-    ``calibration`` has, on the trajectory's clock, the wheel scale and the biases, each with its sigma: ``t_s,
-    wheel_scale, gyro_bias_{x,y,z}_radps, accel_bias_{x,y,z}_mps2``. Sigmas are those of the model: ``verdicts`` say by
-    what a result's are wider.
-    """
-
-    trajectory: pd.DataFrame
-    geometry: pd.DataFrame
-    places: PlaceCovariance
-    calibration: pd.DataFrame
-    timings_s: dict[str, float]
-    verdicts: tuple[Verdict, ...] = ()
-    located: Located | None = None
-    on_line: RunOnLine | None = None
 
 
 _MOST_SAMPLES_BESIDE = 4_000_000
@@ -185,13 +160,7 @@ def smooth(
     config, limits = config or SmoothConfig(), limits or CheckLimits()
     recording = with_even_stamps(recording)
     raise_first(memory_faults(recording, limits))
-    sound = without_imu_faults(without_repeated_rows(recording), limits)
-    if sound.imu.empty:
-        raise too_short(sound, 0.0)
-    measured, correction = corrected_tach(without_imu_clock_jumps(sound, config))
-    measured = with_accelerometer_in_time(measured)
-    measured = without_contradicted_speeds(without_unmeasured_rows(measured), limits)
-    measured = with_gnss_in_time(measured, config.tach.clock_offset_sd_s)
+    sound, measured, correction = _prepared(recording, config, limits)
     anchored = with_balise_fixes(measured)
     smoothed = smooth_states(
         anchored, config, feature_map=feature_map, known_line=known_line, limits=limits, progress=progress
@@ -199,33 +168,55 @@ def smooth(
     sources = EventSources.of(smoothed.problem)
     of_line = () if smoothed.on_line is None else smoothed.on_line.events
     events = event_table(sources, smoothed.solution.states, smoothed.covariance, smoothed.trajectory, of_line)
-    passages, balises = BalisePassages.none(), None
     findings: tuple[Finding, ...] = (*measured.findings, *correction.findings)
-    if measured.balises is not None:
-        run_passages = own_passages(measured, smoothed.problem, smoothed.solution.states)
-        passages = widened_passages(run_passages, smoothed.verdicts)
     if (km := recording.description.kilometrage) is not None and not _is_placed(anchored, smoothed.located):
         findings = (*findings, *unplaced(smoothed.trajectory["chainage_m"], km))
+    passages = _balise_passages(measured, smoothed)
+    balises = None
     if len(passages):
         from trackfg.mapping.runs.balise_survey import surveyed
 
         balises = surveyed([passages], [recording.description.id])
         findings = (*findings, *balise_findings(balises))
+    summary = summary_of(
+        replace(recording, findings=findings),
+        config,
+        smoothed,
+        correction,
+        anchored=_is_placed(anchored, None),
+        gnss_moved_s=gnss_moved_s(sound, measured),
+    )
     return Result(
         widened(smoothed.trajectory, smoothed.verdicts),
         widened(smoothed.geometry, smoothed.verdicts),
         widened(events, smoothed.verdicts),
-        _summary(
-            replace(recording, findings=findings),
-            config,
-            smoothed,
-            correction,
-            anchored=_is_placed(anchored, None),
-            gnss_moved_s=gnss_moved_s(sound, measured),
-        ),
+        summary,
         widened_places(smoothed.places, smoothed.verdicts),
         *(() if balises is None else (balises.table, passages)),
     )
+
+
+def _prepared(
+    recording: Recording, config: SmoothConfig, limits: CheckLimits
+) -> tuple[Recording, Recording, TachCorrection]:
+    """Return the sound rows of a recording, the same as the graph takes them for measurements, and what was done to the
+    tach: rows that measure nothing are left out, and clocks corrected.
+    """
+    sound = without_imu_faults(without_repeated_rows(recording), limits)
+    if sound.imu.empty:
+        raise too_short(sound, 0.0)
+    measured, correction = corrected_tach(without_imu_clock_jumps(sound, config))
+    measured = with_accelerometer_in_time(measured)
+    measured = without_contradicted_speeds(without_unmeasured_rows(measured), limits)
+    return sound, with_gnss_in_time(measured, config.tach.clock_offset_sd_s), correction
+
+
+def _balise_passages(measured: Recording, smoothed: SmoothedStates) -> BalisePassages:
+    """Return the run's own passages of balises, with the sigmas that the verdicts leave; none without balises."""
+    if measured.balises is None:
+        return BalisePassages.none()
+    passages = own_passages(measured, smoothed.problem, smoothed.solution.states)
+    return widened_passages(passages, smoothed.verdicts)
 
 
 def smooth_states(
@@ -398,140 +389,3 @@ def _clock(t: Array, rate_hz: float) -> Array:
     """Return a uniform clock over the run: whole multiples of the output interval."""
     first, last = np.ceil(t[0] * rate_hz), np.floor(t[-1] * rate_hz)
     return np.arange(first, last + 1) / rate_hz
-
-
-def _solver_findings(solution: Solution) -> tuple[Finding, ...]:
-    if solution.converged:
-        return ()
-    hint = "look at the events and check the recording for gross errors and wrong units"
-    return (Finding("warning", "not-converged", f"the solution is not a minimum: {solution.reason}", hint=hint),)
-
-
-def _run_facts(recording: Recording, at: Located | None, *, anchored: bool) -> RunFacts:
-    description, origin = recording.description, recording.gnss_origin
-    return RunFacts(
-        start=None if description.start is None else description.start.isoformat(),
-        content_sha256=recording.content_sha256(),
-        files_sha256=recording.files_sha256,
-        direction=description.track.direction,
-        anchored=anchored,
-        imu_id=description.imu.id,
-        mount_roll_sd_rad=float(np.radians(description.imu.mount_roll_sd_deg)),
-        origin=None if origin is None else (float(origin[0]), float(origin[1]), float(origin[2])),
-        kilometrage=description.kilometrage if at is None else at.kilometrage(description.kilometrage),
-    )
-
-
-def _scalar(solution: Solution, value: float, sd: float) -> Estimate:
-    return Estimate(value=value, sd=sd if solution.converged else None)
-
-
-def _vector(solution: Solution, values: Sequence[float], sd: Sequence[float]) -> VectorEstimate:
-    x, y, z = values
-    return VectorEstimate(value=(x, y, z), sd=(sd[0], sd[1], sd[2]) if solution.converged else None)
-
-
-def _mounting(solution: Solution, covariance: Covariance) -> Mounting:
-    mount = solution.states.mount[0].tolist()
-    sd = np.sqrt(np.diagonal(covariance.of(Kind.MOUNT)[0])).tolist()
-    return Mounting(
-        pitch_rad=_scalar(solution, mount[0], sd[0]),
-        yaw_rad=_scalar(solution, mount[1], sd[1]),
-        tracking_point_m=_vector(solution, mount[2:], sd[2:]),
-    )
-
-
-def _further_scales(recording: Recording, solution: Solution, covariance: Covariance) -> dict[str, Estimate]:
-    """Return the scale of each further tach or speed sensor that has rows, by the name of its table."""
-    value = solution.states.sensor
-    sd = np.sqrt(np.diagonal(covariance.of(Kind.SENSOR)[0])).reshape(value.shape)
-    return {
-        sensor.name: _scalar(solution, 1.0 + float(value[sensor.variable, 0]), float(sd[sensor.variable, 0]))
-        for sensor in further_sensors(recording.description)
-        if not isinstance(sensor.part, GnssSpeed) and len(recording.others.get(sensor.name, ())) > 1
-    }
-
-
-def _receiver_speeds(smoothed: SmoothedStates, moved_s: float) -> tuple[Estimate, Estimate] | tuple[None, None]:
-    """Return by what a receiver's speeds are too high and what to add to their stamps, ``moved_s`` included.
-
-    None without any in the graph.
-    """
-    speeds = smoothed.problem.family(FactorType.GNSS_SPEED)
-    if speeds is None or len(speeds) == 0:
-        return None, None
-    variable = int(speeds.slots[1].index[0])
-    offset, clock_s = next(
-        prior.residual(smoothed.solution.states)[0]
-        for prior in smoothed.problem.families
-        if prior.type is FactorType.PRIOR_SENSOR and prior.slots[0].index[0] == variable
-    )
-    sd = np.sqrt(np.diagonal(smoothed.covariance.of(Kind.SENSOR)[0])).reshape(-1, Kind.SENSOR.dim)[variable]
-    scalar = partial(_scalar, smoothed.solution)
-    return scalar(float(offset), float(sd[0])), scalar(moved_s + float(clock_s), float(sd[1]))
-
-
-def _summary(
-    recording: Recording,
-    settings: SmoothConfig,
-    smoothed: SmoothedStates,
-    correction: TachCorrection,
-    *,
-    anchored: bool,
-    gnss_moved_s: float,
-) -> Summary:
-    problem, solution, covariance = smoothed.problem, smoothed.solution, smoothed.covariance
-    last = smoothed.calibration.iloc[-1]
-    path_m = float(np.abs(np.diff(solution.states.odo.distance)).sum())
-    clock_prior = problem.family(FactorType.PRIOR_CLOCK)
-    assert clock_prior is not None  # every graph has it
-    clocks_s = clock_prior.residual(solution.states)[0] + [correction.clock_s, 0.0, gnss_moved_s]
-    clock_sds = np.sqrt(np.diagonal(covariance.of(Kind.CLOCK)[0]))
-    positions, has_tach, factor = problem.family(FactorType.GNSS_POSITION), problem.wheel is not None, correction.factor
-
-    speeds_offset, speeds_clock = _receiver_speeds(smoothed, gnss_moved_s)
-    scalar = partial(_scalar, solution)
-
-    def bias(name: str) -> VectorEstimate:
-        columns = [name.format(axis=axis) for axis in "xyz"]
-        return _vector(solution, last[columns].tolist(), last[[f"{column}_sd" for column in columns]].tolist())
-
-    return Summary(
-        recording_id=recording.description.id,
-        run=_run_facts(recording, smoothed.located, anchored=anchored),
-        map=None if smoothed.located is None else smoothed.located.use,
-        line=None if smoothed.on_line is None else smoothed.on_line.use,
-        settings=settings.model_dump(mode="json"),
-        configuration=smoothed.config.model_dump(mode="json"),
-        solver=Solver(
-            converged=solution.converged,
-            reason=solution.reason,
-            iterations=solution.iterations,
-            cost=solution.cost,
-            degrees_of_freedom=solution.degrees_of_freedom,
-        ),
-        timings_s=smoothed.timings_s,
-        duration_s=float(problem.t[-1] - problem.t[0]),
-        distance_m=path_m if np.isfinite(widening(smoothed.verdicts, "chainage")) else None,
-        keyframes=len(problem.t),
-        noise_ratios=smoothed.noise_ratios,
-        wheel_scale=scalar(factor * last["wheel_scale"], abs(factor) * last["wheel_scale_sd"]) if has_tach else None,
-        further_scales=_further_scales(recording, solution, covariance),
-        clock_offset_s=scalar(float(clocks_s[0]), float(clock_sds[0])) if has_tach else None,
-        gnss_clock_offset_s=scalar(float(clocks_s[2]), float(clock_sds[2])) if positions else None,
-        gnss_speed_offset_mps=speeds_offset,
-        gnss_speed_clock_offset_s=speeds_clock,
-        mounting=_mounting(solution, covariance),
-        gyro_bias_radps=bias("gyro_bias_{axis}_radps"),
-        accel_bias_mps2=bias("accel_bias_{axis}_mps2"),
-        geometry=problem.run.conventions,
-        findings=(
-            *recording.findings,
-            *_solver_findings(solution),
-            *noise_findings(smoothed.noise_ratios),
-            *smoothed.findings,
-            *(() if smoothed.located is None else smoothed.located.findings),
-            *(() if smoothed.on_line is None else smoothed.on_line.findings),
-        ),
-        verdicts=smoothed.verdicts,
-    )

@@ -80,5 +80,5 @@ def _moved(run: SolvedRun, family: Family) -> tuple[Array, Array, Array]:
     integral = np.stack([trapezoid_integral(t, angle) for angle in angles.T], axis=1)
     turned = speed * [-1.0, 1.0] * (angles - means_around(t, t, integral, _AROUND_S))
     residual = family.residual(states)
-    tells = (np.abs(speed) > _MOVING_MPS) & (np.abs(residual) < _FAR_SIGMAS * family.sigma)
-    return np.where(tells, residual, 0.0), turned, np.abs(speed)
+    is_shown = (np.abs(speed) > _MOVING_MPS) & (np.abs(residual) < _FAR_SIGMAS * family.sigma)
+    return np.where(is_shown, residual, 0.0), turned, np.abs(speed)

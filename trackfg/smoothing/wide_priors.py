@@ -87,7 +87,7 @@ class _Scalar(NamedTuple):
     least_sd: float = _SET_SD
     limit: float = _FAR_SIGMAS
 
-    def said(self, value: float) -> str:
+    def described(self, value: float) -> str:
         """Return the value in words."""
         shown = self.origin + self.scale * value
         if self.ways is None:
@@ -281,7 +281,7 @@ def _contradictions(kind: Kind, judged: _Judged, far: list[_Scalar], sigma: Arra
     if not far:
         return []
     sentence = "; ".join(
-        f"{one.said(float(judged.alone[one.column]))}, {abs(judged.sigmas[one.column]):.1f} sigmas from what was "
+        f"{one.described(float(judged.alone[one.column]))}, {abs(judged.sigmas[one.column]):.1f} sigmas from what was "
         f"declared or assumed to {sigma[one.column]:.2g}"
         for one in far
     )
@@ -292,7 +292,7 @@ def _contradictions(kind: Kind, judged: _Judged, far: list[_Scalar], sigma: Arra
 def _impossible(judged: _Judged, far: list[_Scalar]) -> Iterator[Finding]:
     """Yield what of a calibration would have to be further off than it can be: its sigma does not follow."""
     for scalar in far:
-        message = f"by the data alone {scalar.said(float(judged.alone[scalar.column]))}, more than it can be"
+        message = f"by the data alone {scalar.described(float(judged.alone[scalar.column]))}, more than it can be"
         yield Finding(
             "warning", "calibration-impossible", f"{message}: something is not modelled", hint=_UNEXPLAINED_HINT
         )
@@ -303,7 +303,9 @@ def _mounting_notes(run: SolvedRun, far: list[int]) -> Iterator[Finding]:
     mount, sd = run.solution.states.mount[0], np.sqrt(np.diagonal(run.covariance.of(Kind.MOUNT)[0]))
     notable = (np.abs(mount) > _FAR_SIGMAS * sd) & (np.abs(mount) > _WORTH_A_LINE)
     notable[far] = False
-    sentences = [scalar.said(float(mount[scalar.column])) for scalar in _SCALARS[Kind.MOUNT] if notable[scalar.column]]
+    sentences = [
+        scalar.described(float(mount[scalar.column])) for scalar in _SCALARS[Kind.MOUNT] if notable[scalar.column]
+    ]
     if sentences:
         to_vehicle = mount_matrix(mount[None])[0].T
         turn, place = np.degrees(rpy_from_matrix(to_vehicle[None])[0]), -to_vehicle @ mount[2:]

@@ -1,9 +1,9 @@
 """A stream doubts what rests on a prior that its data contradict.
 
 The batch widens such a prior and solves again (:mod:`trackfg.smoothing.rectification`), or builds its graph on moved
-stamps (:mod:`trackfg.smoothing.late_clocks`). A stream can do neither with what it has marginalised: factors stay
-linear in an offset that was taken for one within the declared sigma, and the errors that a narrow prior leaves stay in
-the biases.
+stamps (:mod:`trackfg.smoothing.clocks.late_clocks`). A stream can do neither with what it has marginalised: factors
+stay linear in an offset that was taken for one within the declared sigma, and the errors that a narrow prior leaves
+stay in the biases.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from trackfg.factors.bias import RECTIFICATION
 from trackfg.factors.states import States
 from trackfg.numerics.arrays import Array
 from trackfg.results.events import DOUBT, Event
-from trackfg.smoothing import late_clocks
+from trackfg.smoothing.clocks import late_clocks
 from trackfg.smoothing.rectification import grown_bias
 
 _FAR_SIGMAS = 4.0

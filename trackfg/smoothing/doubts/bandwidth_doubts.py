@@ -8,7 +8,7 @@ speed v lacks
 
 Filters of 5 to 20 Hz of other orders, filters that run both ways and means over 5 to 41 samples of 200 a second made
 errors of 0.4 to 2 times as much (``mainline``, 400 s). Where the power of the shortest waves is less than half, what is
-left does not show what is gone.
+left does not show what is missing.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from trackfg.smoothing.doubts.usual_sigmas import COLUMNS, LEAST_WIDENING, WaveS
 from trackfg.smoothing.reassessment import SolvedRun
 
 _FASTER = 0.05
-"""Share of rows whose shortest waves are gone from which on the quantity is not to be trusted."""
+"""Share of rows whose shortest waves are missing from which on the quantity is not to be trusted."""
 
 _FASTEST_MPS = 200
 """Speeds are counted up to this, m/s."""

@@ -159,8 +159,8 @@ def _wrong_alone(index: np.ndarray, z: Array) -> np.ndarray:
 
 
 def _likelier_wrong(problem: Problem, fixes: Family, error: Array, predicted: Array) -> np.ndarray:
-    """Return of which fixes (n,) an ``error``, m, beside a ``predicted`` variance, m^2, is likelier theirs than that of
-    what predicts them.
+    """Return which fixes (n,) are likelier wrong than what predicts them, by the ``error``, m, and the ``predicted``
+    variance, m^2.
 
     A wrong fix may be anywhere on the line. Wheel and GNSS that err unnoticed do so by a share of the way from the next
     fix, as in :mod:`trackfg.graph.fix_consensus`.

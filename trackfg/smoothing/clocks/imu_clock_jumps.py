@@ -1,10 +1,9 @@
 """A hole in the stamps of the IMU is a gap, or its clock was set ahead while it went on.
 
-Where only the IMU's clock was set, those of tach and GNSS were not. The accelerations that IMU and tach show of each
-other on either side of the hole tell both apart (:mod:`trackfg.checks.clock_change`). Without a tach the minutes around
-the hole are smoothed with both, and the IMU's clock was set if that explains the measurements better by far: the
-difference of the sums of squares, over their level, is that of a likelihood ratio. What is not clear is taken for a
-gap.
+Where only the IMU's clock was set, those of tach and GNSS were not. The accelerations that IMU and tach show on either
+side of the hole distinguish both hypotheses (:mod:`trackfg.checks.clock_change`). Without a tach the minutes around the
+hole are smoothed with each, and the IMU's clock was set if that explains the measurements better by far: the difference
+of the sums of squares, over their level, is that of a likelihood ratio. What is not clear is taken for a gap.
 """
 
 from __future__ import annotations

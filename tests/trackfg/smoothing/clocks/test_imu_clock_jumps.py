@@ -12,7 +12,7 @@ from trackfg.config import SmoothConfig
 from trackfg.datasets.faults import drop_imu
 from trackfg.datasets.scenarios import Simulation
 from trackfg.recording.model import Recording
-from trackfg.smoothing.imu_clock_jumps import imu_clock_jumps, without_imu_clock_jumps
+from trackfg.smoothing.clocks.imu_clock_jumps import imu_clock_jumps, without_imu_clock_jumps
 
 
 def without_tach(recording: Recording) -> Recording:

@@ -10,7 +10,7 @@ import pytest
 from trackfg.datasets.effects.clocks import LateAccelerometer
 from trackfg.datasets.scenarios import Simulation, scenario, simulate
 from trackfg.evaluation.geometry_errors import geometry_errors
-from trackfg.smoothing.late_accelerometer import with_accelerometer_in_time
+from trackfg.smoothing.clocks.late_accelerometer import with_accelerometer_in_time
 from trackfg.smoothing.smoother import smooth
 
 
