@@ -12,9 +12,9 @@ shared calibration c made of A (3, 3), W (3, 3) and G (3, 2), row by row, the re
     gyro:           own + W w + G (f_x, f_y) + R_nb' (e_x, e_y, 0).
 
 What the sensor measures of standard gravity g along z does not change, nor what it does of the Earth about the
-vertical: it is a bias. In a canted curve the force along z differs from g by up to 0.1 m/s^2. That tells the speed, as
-f_y does, and with the scale along z taken for known it would tell the wheel's too well. What the gyro senses of it,
-2e-5 rad/s of a sensor of a few euros, is less than its bias walks over such a curve.
+vertical: it is a bias. In a canted curve the force along z differs from g by up to 0.1 m/s^2. That shows the speed, as
+f_y does, and with the scale along z taken for known it would determine the wheel's too well. What the gyro measures of
+it, 2e-5 rad/s of a sensor of a few euros, is less than its bias walks over such a curve.
 """
 
 from __future__ import annotations

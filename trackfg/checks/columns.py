@@ -96,7 +96,7 @@ class ColumnPlace:
 
 
 def not_finite(values: Array, place: ColumnPlace) -> list[Finding]:
-    """Empty cells, NaN, infinities, and numbers that no quantity here can have; one finding for each kind."""
+    """Return a finding each for empty cells or NaN, and for infinities or numbers that no quantity here can have."""
     magnitude = np.abs(values)
     if (magnitude <= LARGEST).all():
         return []
@@ -132,7 +132,7 @@ def interval_finding(
 
 
 def times_of_another_unit(t: Array, place: ColumnPlace, unit: str) -> list[Finding]:
-    """Times (n,), s, all of which are beyond what can be: those since 1970 in a smaller unit than
+    """Return an error where all times (n,), s, are beyond what can be: those since 1970 in a smaller unit than
     ``unit``, the declared one.
     """
     if not t.size or not (np.abs(t) > LARGEST).all():
@@ -143,7 +143,7 @@ def times_of_another_unit(t: Array, place: ColumnPlace, unit: str) -> list[Findi
 
 
 def not_increasing(t: Array, place: ColumnPlace) -> list[Finding]:
-    """Times that repeat or fall from one row to the next."""
+    """Return errors for times (n,), s, that repeat or fall from one row to the next."""
     steps = np.diff(t, prepend=-np.inf)
     if (steps > 0).all():
         return []
@@ -161,7 +161,7 @@ def not_increasing(t: Array, place: ColumnPlace) -> list[Finding]:
 
 
 def gaps(t: Array, place: ColumnPlace, warning_s: float, error_s: float | None) -> list[Finding]:
-    """Times without rows longer than the limits; the finding names the longest and where it ends."""
+    """Return a finding for the longest time without rows, where it is beyond the limits; ``t`` (n,), s."""
     if t.size < 2:
         return []
     steps = np.diff(t)
@@ -184,7 +184,7 @@ def gaps(t: Array, place: ColumnPlace, warning_s: float, error_s: float | None) 
 
 
 def unusable_sigmas(sd: Array, place: ColumnPlace, unit: str = "m") -> list[Finding]:
-    """Sigmas that are zero or negative, or too small for any place or speed; one finding for each kind."""
+    """Return an error each for sigmas (n,) that are zero or negative, and that are too small for any place or speed."""
     hint = f"write the 1-sigma error in {unit}"
     tiny, expected = (sd > 0) & (sd < SMALLEST_SIGMA), f"{SMALLEST_SIGMA:g} {unit} or more"
     of_nothing = f"a sigma that no {'place' if unit == 'm' else 'speed'} has"
@@ -195,7 +195,7 @@ def unusable_sigmas(sd: Array, place: ColumnPlace, unit: str = "m") -> list[Find
 
 
 def falling(distance: Array, place: ColumnPlace) -> list[Finding]:
-    """A cumulative count or distance that falls although the tach is declared unsigned."""
+    """Return an error where a cumulative count or distance (n,) falls although the tach is declared unsigned."""
     hint = (
         "set tach.signed = true if the vehicle rolled back; a counter that wraps must be unwrapped first, as trackfg "
         "import does, with wraps_at in the mapping where it finds no modulus"
@@ -217,21 +217,23 @@ _BACKWARDS = {
 
 
 def negative_speed(speed: Array, place: ColumnPlace, sensor: str = "tach") -> list[Finding]:
-    """A speed below zero although the ``sensor``, a tach or one of the speed over ground, is declared unsigned."""
+    """Return an error where a speed (n,) is below zero although the ``sensor``, a tach or one of the speed over ground,
+    is declared unsigned.
+    """
     hint = f"set {sensor}.signed = true if the vehicle rolled back"
     expected = f"a speed of zero or more, as {sensor}.signed = false"
     return place.at_first_value(speed, speed < 0, *_BACKWARDS[sensor], expected, hint)
 
 
 def negative_magnitude(speed: Array, place: ColumnPlace) -> list[Finding]:
-    """Speeds below zero of a receiver, which measures a magnitude."""
+    """Return an error where speeds (n,) of a receiver, which measures a magnitude, are below zero."""
     hint = "leave the cell empty where the receiver has no speed"
     message, expected = "a receiver's speed below zero", "a speed of zero or more"
     return place.at_first_value(speed, speed < 0, "negative-speed", message, expected, hint)
 
 
 def outside(values: Array, low: float, high: float, place: ColumnPlace) -> list[Finding]:
-    """Latitudes or longitudes (deg) that do not exist."""
+    """Return an error where latitudes or longitudes (n,), deg, do not exist."""
     wrong = (values < low) | (values > high)
     hint = 'check the order in gnss.position: latitude, longitude, height; for east, north, up set frame = "local"'
     expected = f"{low:g} to {high:g} deg"

@@ -7,7 +7,7 @@ correlated over a range of lags. The peak, refined by a parabola through its thr
 Its sigma is that of the zero of ``sum y(t) x'(t + offset)`` for ``y(t) = k x(t + offset) + e(t)`` with coloured e:
 ``var = sum_l R_e(l) R_x'(l) / (sum y' x')^2``, R_e being the residual's sample autocovariance and R_x' the
 autocorrelation sum of ``x'`` (the sandwich formula; Newey & West, Econometrica 55, 1987). Noise of the force enlarges
-``x'^2`` without telling anything of the offset; its product with ``y'`` is on average that of the motion alone.
+``x'^2`` without saying anything of the offset; its product with ``y'`` is on average that of the motion alone.
 
 A wheel that pulls or brakes creeps in proportion to the force, and turns by ``v (1 + c f / g)``. Its acceleration has
 ``c |v| f' / g`` more, which looks as if the tach were ahead by ``c |v| / g``: 0.08 s at 20 m/s with c = 0.04. Least
@@ -288,7 +288,9 @@ def _jackknife_sd(a: Array, b: Array, lags: Array, correlation: Array, size: int
 
 
 def lagged_correlation(a: Array, b: Array, max_lag: float) -> tuple[Array, Array]:
-    """Integer lags l, at most half of the length, and the correlation of ``a[i]`` with ``b[i + l]`` in the overlap."""
+    """Return integer lags l, at most half of the length, and the correlation of ``a[i]`` with ``b[i + l]`` (both (n,))
+    in the overlap.
+    """
     n = a.size
     limit = int(min(max_lag, n // 2))
     lags = np.arange(-limit, limit + 1)

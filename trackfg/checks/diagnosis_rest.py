@@ -83,7 +83,8 @@ def static_bias(recording: Recording, standstills: Array) -> StaticBias | None:
 
 
 def noise_density(recording: Recording, standstills: Array) -> NoiseDensity | None:
-    """White noise of gyro and accelerometer; None without a standstill that holds a few averages.
+    """Return the white noise of gyro and accelerometer in ``standstills`` (r, 2), s; None without a standstill that
+    holds a few averages.
 
     A mean over tau differs from the next by noise of twice the density squared over tau.
     """

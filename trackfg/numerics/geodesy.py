@@ -86,18 +86,12 @@ def geodetic_to_enu(geodetic: Array, origin: Array) -> Array:
     return enu
 
 
-def ecef_to_geodetic(ecef: Array) -> Array:
-    """Convert ECEF in m to WGS 84 (latitude deg, longitude deg, height m). Shape (..., 3) to (..., 3).
+def _geodetic(x: Array, y: Array, z: Array) -> tuple[Array, Array, Array]:
+    """Return latitude and longitude, rad, and height, m, of ECEF in m.
 
     Bowring, "Transformation from spatial to geographical coordinates", Survey Review 23 (1976), applied twice: better
-    than 1e-9 m within 100 km of the surface.
+    than 1e-9 m within 100 km of the surface. Sine and cosine come from the sides of their triangle.
     """
-    latitude, longitude, height = _geodetic(ecef[..., 0], ecef[..., 1], ecef[..., 2])
-    return np.stack([np.degrees(latitude), np.degrees(longitude), height], axis=-1)
-
-
-def _geodetic(x: Array, y: Array, z: Array) -> tuple[Array, Array, Array]:
-    """Return latitude and longitude, rad, and height, m. Sine and cosine come from the sides of their triangle."""
     p = np.hypot(x, y)
     opposite, adjacent = z * _A, p * _B
     second = _E2 / (1.0 - _E2)

@@ -1,4 +1,4 @@
-"""Tell whether the package behind a peer is there. None of them is needed for anything else."""
+"""Say whether the package behind a peer is there. None of them is needed for anything else."""
 
 from __future__ import annotations
 

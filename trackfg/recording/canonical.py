@@ -26,13 +26,13 @@ Columns = Sequence[Array]
 
 
 def seconds(part: Table, raw: Array) -> Array:
-    """Times as written, in s on the sensor's own clock."""
+    """Return times as written (n,) in s on the sensor's own clock."""
     return raw * units.to_si("time", part.time_unit)
 
 
 def on_common_clock(part: Table, t: Array, interval_s: float | Array = 0.0) -> Array:
-    """Times on the sensor's clock (s) on that of the recording; ``interval_s`` is the IMU's median interval, of all
-    rows or of each.
+    """Return times on the sensor's clock (n,), s, on that of the recording; ``interval_s`` is the IMU's median
+    interval, of all rows or of each.
     """
     share = {"start": 0.5, "centre": 0.0, "end": -0.5}[part.stamp] if isinstance(part, Imu) else 0.0
     if share == 0.0:
@@ -41,7 +41,7 @@ def on_common_clock(part: Table, t: Array, interval_s: float | Array = 0.0) -> A
 
 
 def imu_rotation(part: Imu) -> Array:
-    """The matrix from the file's columns to the vehicle's FLU axes, ``R_mount A``. Shape (3, 3)."""
+    """Return the matrix from the file's columns to the vehicle's FLU axes, ``R_mount A``. Shape (3, 3)."""
     A = rotations.axes_matrix(part.axes)
     if not any(part.mount_rpy_deg):
         return A
@@ -50,14 +50,18 @@ def imu_rotation(part: Imu) -> Array:
 
 
 def imu_in_body(part: Imu, R: Array, columns: Columns) -> tuple[Array, ...]:
-    """Angular rate (rad/s) and specific force (m/s^2) in body axes, six columns; ``R`` is :func:`imu_rotation`."""
+    """Return angular rate (rad/s) and specific force (m/s^2) in body axes, six columns (n,); ``R`` is that of
+    :func:`imu_rotation`.
+    """
     gyro = _rotated(columns[:3], R, units.to_si("angular rate", part.gyro_unit))
     accel = _rotated(columns[3:], R, units.to_si("acceleration", part.accel_unit))
     return (*gyro, *accel)
 
 
 def _rotated(columns: Columns, R: Array, scale: float) -> list[Array]:
-    """``scale * R`` applied to three columns, without arithmetic where it would change nothing (values stay exact)."""
+    """Return ``scale * R`` applied to three columns, without arithmetic where it would change nothing (values stay
+    exact).
+    """
     out = []
     for row in scale * R:
         used = np.flatnonzero(row)
@@ -79,7 +83,9 @@ class TachReading:
 
 
 def tach_distance(part: Tach, t: Array, values: Array, last: TachReading | None = None) -> Array:
-    """Cumulative nominal distance, m. A speed is integrated on from ``last``, or from 0 at the first row."""
+    """Return the cumulative nominal distance (n,), m, of ``values`` (n,) at ``t`` (n,), s. A speed is integrated on
+    from ``last``, or from 0 at the first row.
+    """
     if part.kind == "pulses":
         return values * pulse_m(part)
     if part.kind == "distance":
@@ -94,33 +100,33 @@ def tach_distance(part: Tach, t: Array, values: Array, last: TachReading | None 
 
 
 def tach_speed(part: Tach, values: Array) -> Array:
-    """The values of a tach of kind ``speed``, m/s."""
+    """Return the values (n,) of a tach of kind ``speed`` in m/s."""
     return _scaled(values, units.to_si("speed", part.unit))
 
 
 def pulse_m(part: Tach) -> float:
-    """The nominal distance of one pulse, m. Raises ``ValueError`` unless the tach counts pulses."""
+    """Return the nominal distance of one pulse, m. Raises ``ValueError`` unless the tach counts pulses."""
     if part.kind != "pulses" or part.wheel_diameter_m is None or part.pulses_per_rev is None:
         raise ValueError(f"a tach of kind {part.kind!r} has no pulses")
     return float(np.pi * part.wheel_diameter_m / part.pulses_per_rev)
 
 
 def gnss_origin(part: Gnss, columns: Columns) -> Array | None:
-    """Latitude (deg), longitude (deg) and height (m) of the frame's origin; None where that is not known."""
+    """Return latitude (deg), longitude (deg) and height (m) of the frame's origin; None where that is not known."""
     if part.origin is not None:
         return np.array(part.origin)
     return np.array([column[0] for column in columns[:3]]) if part.frame == "geodetic" else None
 
 
 def gnss_position(part: Gnss, origin: Array | None, columns: Columns) -> tuple[Array, ...]:
-    """East, north and up of the origin, m, three columns."""
+    """Return three columns (n,): east, north and up of the origin, m."""
     if part.frame == "local" or origin is None:
         return tuple(columns[:3])
     return tuple(geodesy.geodetic_to_enu(np.column_stack(list(columns[:3])), origin).T)
 
 
 def laser_displacement(part: Laser, values: Array) -> Array:
-    """Displacement, m."""
+    """Return displacements (n,) in m."""
     return _scaled(values, units.to_si("length", part.unit))
 
 

@@ -75,12 +75,12 @@ class Wheel(Outlined):
         return not (self.integrates_speed or self.coarse) and self.reading_sds is None and self.grown is None
 
     def with_rows(self, t: Array, distance: Array, gaps: Array, uncounted: Array) -> Wheel:
-        """Return the wheel with other rows."""
+        """Return the wheel with other rows: ``t`` (n,), s, ``distance`` (n,), m, and spans without any, (k, 2), s."""
         known = self.coarse, self.reading_sds, self.grown, self.offset_sd_mps
         return Wheel(t, distance, self.rounding_sd, self.quantum, self.integrates_speed, gaps, uncounted, *known)
 
     def at(self, t: Array) -> Array:
-        """Nominal distance at ``t``, m; constant outside the record."""
+        """Return the nominal distance at times ``t`` (m,), s, in m, shape (m,); it is constant outside the record."""
         if self.integrates_speed or self.coarse:
             from scipy.interpolate import PchipInterpolator  # late: 0.1 s, and most tachs count finely
 
@@ -88,7 +88,7 @@ class Wheel(Outlined):
         return np.asarray(np.interp(t, self.t, self.distance))
 
     def rate(self, t: Array, half_window_s: float = 0.25) -> Array:
-        """Mean nominal speed over ``t`` plus and minus the half window, m/s."""
+        """Return the mean nominal speed over ``t`` (m,), s, plus and minus the half window, m/s, shape (m,)."""
         return (self.at(t + half_window_s) - self.at(t - half_window_s)) / (2.0 * half_window_s)
 
     def reading_sd(self, t: Array) -> Array:
@@ -144,7 +144,7 @@ class Wheel(Outlined):
         return replace(self, t=rows, distance=distance, reading_sds=None, grown=None)
 
     def covers(self, t: Array) -> np.ndarray:
-        """Return whether there is a reading at ``t``: inside the record and outside its gaps."""
+        """Return whether there is a reading at times ``t`` (m,), s: inside the record and outside its gaps."""
         inside: np.ndarray = (t >= self.t[0]) & (t <= self.t[-1])
         for start, end in (*self.gaps, *self.uncounted):
             inside &= (t <= start) | (t >= end)
@@ -188,7 +188,10 @@ def with_sense(recording: Recording) -> pd.DataFrame:
 
 
 def read_resolution(t: Array, distance: Array) -> tuple[float, float]:
-    """The distance of one count, 0 where there are none, and the sigma of a reading's rounding, m."""
+    """Return the distance of one count, 0 where there are none, and the sigma of a reading's rounding, m.
+
+    ``t`` (n,), s, and ``distance`` (n,), m, are the rows of a tach.
+    """
     quantum = tach_quantum_m(pd.DataFrame({"t_s": t, "distance_m": distance}))
     rounding = quantum / float(np.sqrt(12.0))
     if rows_are_pulses(t, distance, quantum):

@@ -54,11 +54,6 @@ class Covariance(Outlined):
     of_shared: Array
     cross: Array
 
-    @classmethod
-    def of_marginals(cls, marginal: Array, cross: Array) -> Covariance:
-        """Return the covariance of marginals of all z_k, (n, d, d), with the ``cross`` covariances."""
-        return cls(marginal[:, :KEYFRAME_DIM], marginal[0, KEYFRAME_DIM:, KEYFRAME_DIM:], cross)
-
     @property
     def marginal(self) -> Array:
         """The covariances of all z_k, (n, d, d): thrice as large as what they are kept as."""

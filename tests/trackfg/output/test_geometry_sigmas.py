@@ -84,7 +84,10 @@ def table_of(sides: tuple[Side, ...] = (), gyro: float = 1e-12, ahead_m: float =
         np.zeros(SHARED_DIM),
         np.zeros(KEYFRAMES, dtype=np.int64),
     )
-    covariance = Covariance.of_marginals(np.zeros((KEYFRAMES, size, size)), np.zeros((KEYFRAMES - 1, size, size)))
+    shared = size - KEYFRAME_DIM
+    covariance = Covariance(
+        np.zeros((KEYFRAMES, KEYFRAME_DIM, size)), np.zeros((shared, shared)), np.zeros((KEYFRAMES - 1, size, size))
+    )
     return geometry_table(context(gyro), [profile], straight_run(), covariance, exact)
 
 

@@ -68,12 +68,18 @@ def states(gyro: np.ndarray) -> States:
     return States(nav, 0.01 * rng.normal(size=(N, 6)), odo, mount, np.zeros((1, 3)), np.zeros((1, Kind.IMU.dim)))
 
 
+def with_marginals(marginal: np.ndarray) -> Covariance:
+    """Keyframes with these marginals (N, DIM, DIM), which do not correlate."""
+    dim = KEYFRAME_DIM
+    return Covariance(marginal[:, :dim], marginal[0, dim:, dim:], np.zeros((N - 1, DIM, DIM)))
+
+
 @pytest.fixture(scope="module")
 def covariance() -> Covariance:
     rng = np.random.default_rng(5)
     root = 0.01 * rng.normal(size=(N, DIM, DIM + 4))
     root[:, KEYFRAME_DIM:] = root[0, KEYFRAME_DIM:]  # one covariance of what all keyframes share
-    return Covariance.of_marginals(root @ np.swapaxes(root, 1, 2), np.zeros((N - 1, DIM, DIM)))
+    return with_marginals(root @ np.swapaxes(root, 1, 2))
 
 
 def at_keyframes(states: States, gyro: np.ndarray) -> DenseMotion:
@@ -143,7 +149,7 @@ def test_variance_is_interpolated_between_keyframes(states: States, gyro: np.nda
 @pytest.mark.usefixtures("kernels")
 def test_speed_has_the_noise_of_its_row_s_body_rate(states: States, gyro: np.ndarray) -> None:
     rng, span = np.random.default_rng(11), 0.02
-    certain = Covariance.of_marginals(np.zeros((N, DIM, DIM)), np.zeros((N - 1, DIM, DIM)))
+    certain = with_marginals(np.zeros((N, DIM, DIM)))
     drawn = gyro + GYRO / np.sqrt(span) * rng.normal(size=(1000, N, 3))
     motions = [replace(at_keyframes(states, rate), gyro_span=np.full(N, span)) for rate in drawn]
     tables = [trajectory_table(RUN, motion, states, certain) for motion in motions]

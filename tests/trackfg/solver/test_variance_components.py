@@ -76,10 +76,10 @@ def test_a_ratio_is_of_the_squares_to_the_redundancy() -> None:
     nav = Nav(np.tile(np.eye(3), (n, 1, 1)), *np.zeros((2, n, 3)))
     shared = (np.zeros((1, kind.dim)) for kind in SHARED)
     states = States(nav, np.zeros((n, 6)), Odo(np.zeros((n, 4))), *shared)
-    size, at = KEYFRAME_DIM + SHARED_DIM, offset_in_keyframe(Kind.NAV) + 3
+    dim, size, at = KEYFRAME_DIM, KEYFRAME_DIM + SHARED_DIM, offset_in_keyframe(Kind.NAV) + 3
     marginal = np.zeros((n, size, size))
     marginal[:, [at, at + 1, at + 2], [at, at + 1, at + 2]] = 0.5 * sigma**2
-    covariance = Covariance.of_marginals(marginal, np.zeros((n - 1, KEYFRAME_DIM, KEYFRAME_DIM)))
+    covariance = Covariance(marginal[:, :dim], marginal[0, dim:, dim:], np.zeros((n - 1, dim, dim)))
     bridged = np.ones(n - 1, dtype=bool)
     graph: Any = SimpleNamespace(families=(gnss,))
     assert ratios_of(group_residuals(graph, states, covariance, bridged)) == pytest.approx(

@@ -56,7 +56,8 @@ class ImuFault(NamedTuple):
 
 @dataclass
 class ImuFaultDetector:
-    """Tells measurements from faults. ``R``, where rows are in body axes: these are judged in the sensor's.
+    """The detector separates measurements from faults. ``R``, where rows are in body axes: these are judged in the
+    sensor's.
 
     ``possible``, ``usual`` (6,): limits in the rows' units. ``plateaus``: one per channel; ``before``: the newest row's
     values; ``count``: rows so far; ``held``: rows that may be of a plateau, ``held_rows`` their numbers; ``far``: rows

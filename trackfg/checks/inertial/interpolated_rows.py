@@ -58,8 +58,8 @@ _OF_NOISE = 0.6745 * np.sqrt(6.0)
 
 @dataclass
 class InterpolatedRows:
-    """Tells measurements from interpolated rows, as they come. ``white`` (6,): densities of the noise, in the units of
-    the rows per sqrt(Hz), the declared ones at first.
+    """The detector separates measurements from interpolated rows, as they come. ``white`` (6,): densities of the noise,
+    in the units of the rows per sqrt(Hz), the declared ones at first.
 
     ``newest`` (2, 7) or less: the newest rows. ``waiting`` (w, 7): rows of a run that is not judged yet, after the row
     ``begin`` (7,); of one that was interpolated its newest row, which may be a measurement. ``interpolated``: what the

@@ -11,7 +11,7 @@ A map's chainage errs by itself, smoothly, and by some centimetres from version 
 chainage alone, steep profiles would differ by that. So the grid of a is first brought to b's chainage where its track
 is recognised there (:mod:`trackfg.mapping.recognition.recognition`).
 
-``P_a - P_b`` holds where both maps believe the same sigmas. Where they do not (other settings), ``P_a - P_b`` can be
+``P_a - P_b`` holds where both maps have the same sigmas. Where they do not (other settings), ``P_a - P_b`` can be
 negative; the sigma of the difference is NaN then, and so is the number of sigmas.
 """
 

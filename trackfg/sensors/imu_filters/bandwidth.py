@@ -38,7 +38,7 @@ _FEWEST_LINES = 24
 """A band's density is known from so many values on: the mean of their logs has a sigma of a quarter."""
 
 _FEWEST_BANDS = 5
-"""Fewer bands do not tell a filter from chance."""
+"""Fewer bands do not distinguish a filter from chance."""
 
 _FREQUENCIES, _ORDERS = 60, (1.0, 2.0, 4.0)
 """So many frequencies of half power, and these orders are tried: data sheets have first to fourth."""
