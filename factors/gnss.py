@@ -27,8 +27,22 @@ def _position(
     return residual, (d_nav, d_clock)
 
 
+def _position_elsewhere(
+    nav: Nav, clock: Array, antenna: Array, position: Array, lever_arm: Array, delay: Array, declared: Array
+) -> tuple[Array, tuple[Array, ...]]:
+    seen = np.concatenate([lever_arm[:, :2] + antenna, lever_arm[:, 2:]], axis=1)
+    residual, by_motion = _position(nav, clock, position, seen, delay, declared)
+    return residual, (*by_motion, nav.R[:, :, :2])
+
+
 def gnss_position(
-    index: np.ndarray, position: Array, lever_arm: Array, delay: Array, sigma: Array, loss: Loss | None
+    index: np.ndarray,
+    position: Array,
+    lever_arm: Array,
+    delay: Array,
+    sigma: Array,
+    loss: Loss | None,
+    sensor: int | None = None,
 ) -> Family:
     """The antenna is where the receiver says.
 
@@ -36,11 +50,16 @@ def gnss_position(
     from the IMU in body axes, ``dt`` (m,) the seconds from the keyframe to the measurement's stamp and ``T`` the
     receiver's clock offset, the seconds to add to its stamps. sigma (m, 3), which stays beside the measurements as
     ``declared`` where residuals change it.
+
+    With the index of a ``SENSOR`` variable the antenna is that much further ahead and to the left, m, than ``l`` says.
     """
     data = {"position": position, "lever_arm": np.tile(lever_arm, (len(index), 1)), "delay": delay[:, None]}
     data["declared"] = sigma
     slots = (Slot(Kind.NAV, index), Slot(Kind.CLOCK, np.zeros_like(index)))
-    return Family(FactorType.GNSS_POSITION, _position, slots, data, sigma, loss)
+    if sensor is None:
+        return Family(FactorType.GNSS_POSITION, _position, slots, data, sigma, loss)
+    antenna = Slot(Kind.SENSOR, np.full_like(index, sensor))
+    return Family(FactorType.GNSS_POSITION, _position_elsewhere, (*slots, antenna), data, sigma, loss)
 
 
 def _speed(

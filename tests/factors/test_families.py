@@ -95,6 +95,7 @@ def families(seed: int, loss: Loss | None = None) -> list[Family]:
         landmark(first, rng.uniform(0.0, 1.0, f), normal(f), sigma(f, 1), loss),
         balise_passage(all_k, normal(n), all_k % 3, 0, sigma(n, 1), loss),
         gnss_position(all_k, normal(n, 3), lever, normal(n), sigma(n, 3), loss),
+        gnss_position(all_k, normal(n, 3), lever, normal(n), sigma(n, 3), loss, 1),
         gnss_speed(all_k, 1, speeds, lever, sigma(n, 1), loss),
         across_line(OnLine(all_k, normal(n, 2), normal(n, 2)), lever, sigma(n, 1), loss),
         along_line(

@@ -34,6 +34,16 @@ def test_stamps_of_a_receiver_whose_clock_is_slow_are_early(at_origin: Callable[
     assert by_clock[:, :2] == pytest.approx(0.0)
 
 
+def test_an_antenna_may_be_elsewhere_from_the_sensor(at_origin: Callable[[int], States]) -> None:
+    """Facing e2, an antenna that is 1 m further ahead and 0.5 m further left than declared is 1 m further along e2 and
+    0.5 m against e1.
+    """
+    states = replace(moving(at_origin(1)), sensor=np.array([[0.0, 0.0], [1.0, 0.5]]))
+    measured = np.array([[99.5, 3.0, 3.0]])
+    family = gnss_position(np.array([0]), measured, np.array([2.0, 0.0, 3.0]), np.zeros(1), np.ones((1, 3)), None, 1)
+    np.testing.assert_allclose(family.residual(states), np.zeros((1, 3)), atol=1e-12)
+
+
 def speeds(speed: float, delay: float, rate: list[float], force: list[float], sd: float) -> ReceiverSpeeds:
     """One speed of a receiver."""
     return ReceiverSpeeds(np.array([speed]), np.array([delay]), np.array([rate]), np.array([force]), np.array([[sd]]))

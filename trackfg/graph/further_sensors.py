@@ -1,8 +1,9 @@
 """The factors of further sensors of distance and speed: what a recording has besides its first tach and positions.
 
-Each sensor has one ``SENSOR`` variable, in the order of the description. What a sensor of the speed over ground
-measured between two keyframes is integrated (trapezoid rule); with white noise of sigma s in rows dt apart it is known
-to
+Each sensor has one ``SENSOR`` variable, in the order of the description. So has an antenna whose place is declared in
+a vehicle in which that of the inertial sensor is not: how much further ahead and to the left it is, m. What a sensor of
+the speed over ground measured between two keyframes is integrated (trapezoid rule); with white noise of sigma s in rows
+dt apart it is known to
 
     s sqrt(dt T)
 
@@ -35,7 +36,15 @@ from trackfg.numerics.arrays import Array
 from trackfg.numerics.integrals import trapezoid_integral
 from trackfg.numerics.spans import median_interval
 from trackfg.recording.canonical import pulse_m
-from trackfg.recording.description import FurtherTach, GnssSpeed, RecordingDescription, Speed, Table, Tach
+from trackfg.recording.description import (
+    FurtherTach,
+    GnssSpeed,
+    RecordingDescription,
+    Speed,
+    Table,
+    Tach,
+    UnplacedAntenna,
+)
 from trackfg.recording.model import GNSS_SPEED_TABLE, TACH_COLUMNS, Recording
 from trackfg.sensors.tach import LEAST_ROUNDING_M, Wheel, longest_silence_s, read_resolution
 
@@ -61,11 +70,15 @@ _SLOW_MPS = 2.0
 """A stop begins and ends slower (m/s): radars fall silent at some 0.2 to 1.5 m/s."""
 
 
+Part = Table | UnplacedAntenna
+"""What a description says of a sensor that has a variable."""
+
+
 class FurtherSensor(NamedTuple):
     """A sensor has a table's ``name``, a ``part`` of the description, a ``variable``, by its index, and a ``kind``."""
 
     name: str
-    part: Table
+    part: Part
     variable: int
     kind: SensorKind
 
@@ -113,7 +126,15 @@ def with_distance_by_speed(recording: Recording) -> Recording:
 
 def further_distances(inputs: GraphInputs) -> list[Family]:
     """Return the families of the further sensors, one per sensor, those without rows empty."""
-    return [sensor.kind.family(inputs, sensor) for sensor in further_sensors(inputs.recording.description)]
+    sensors = further_sensors(inputs.recording.description)
+    return [sensor.kind.family(inputs, sensor) for sensor in sensors if sensor.kind.family is not None]
+
+
+def antenna_variable(description: RecordingDescription) -> int | None:
+    """Return the index of the variable that says where the antenna is; None where its place is known."""
+    if description.unplaced_antenna is None:
+        return None
+    return next(one.variable for one in further_sensors(description) if isinstance(one.part, UnplacedAntenna))
 
 
 def _tach(inputs: GraphInputs, sensor: FurtherSensor) -> Family:
@@ -218,37 +239,43 @@ def _receiver(inputs: GraphInputs, sensor: FurtherSensor) -> Family:
     return gnss_speeds(inputs, sensor.variable)
 
 
-def _tach_prior_sd(part: Table, config: SmoothConfig) -> tuple[float, float]:
+def _tach_prior_sd(part: Part, config: SmoothConfig) -> tuple[float, float]:
     """Scale, and the clock's offset, s."""
     assert isinstance(part, FurtherTach)
     return part.scale_sd, config.tach.clock_offset_sd_s
 
 
-def _speed_prior_sd(part: Table, config: SmoothConfig) -> tuple[float, float]:
+def _speed_prior_sd(part: Part, config: SmoothConfig) -> tuple[float, float]:
     """Scale, and the tangent of the mounting's yaw."""
     assert isinstance(part, Speed)
     return part.scale_sd, float(np.radians(part.yaw_sd_deg))
 
 
-def _receiver_prior_sd(part: Table, config: SmoothConfig) -> tuple[float, float]:
+def _receiver_prior_sd(part: Part, config: SmoothConfig) -> tuple[float, float]:
     """Offset of the speeds, m/s, and of their stamps, s."""
     return OFFSET_SD_MPS, config.position.gnss_clock_offset_sd_s
+
+
+def _antenna_prior_sd(part: Part, config: SmoothConfig) -> tuple[float, float]:
+    """How much further ahead and to the left it is, m."""
+    assert isinstance(part, UnplacedAntenna)
+    return part.sd_m
 
 
 class SensorKind(NamedTuple):
     """A kind of further sensor.
 
     ``key`` is where the description has it, alone or in a list; tables of a list are called ``table``, a slash, and a
-    number from ``first``. ``prior_sd`` gives the sigmas of its variable, ``family`` its factors.
+    number from ``first``. ``prior_sd`` gives the sigmas of its variable, ``family`` its factors, if it has its own.
     """
 
     key: str
     table: str
     first: int
-    prior_sd: Callable[[Table, SmoothConfig], tuple[float, float]]
-    family: Callable[[GraphInputs, FurtherSensor], Family]
+    prior_sd: Callable[[Part, SmoothConfig], tuple[float, float]]
+    family: Callable[[GraphInputs, FurtherSensor], Family] | None
 
-    def described(self, description: RecordingDescription) -> list[tuple[str, Table]]:
+    def described(self, description: RecordingDescription) -> list[tuple[str, Part]]:
         """Return the name of each such sensor's table, and its part of the description."""
         parts = getattr(description, self.key)
         if isinstance(parts, tuple):
@@ -260,5 +287,6 @@ KINDS = (
     SensorKind("speed", "speed", 1, _speed_prior_sd, _speed),
     SensorKind("further_tach", "tach", 2, _tach_prior_sd, _tach),
     SensorKind(GNSS_SPEED_TABLE, GNSS_SPEED_TABLE, 1, _receiver_prior_sd, _receiver),
+    SensorKind("unplaced_antenna", "antenna", 1, _antenna_prior_sd, None),
 )
 """All kinds, in the order of their variables."""

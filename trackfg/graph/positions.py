@@ -11,6 +11,7 @@ from trackfg.factors.family import Family
 from trackfg.factors.gnss import gnss_position
 from trackfg.factors.loss import Cauchy, Huber, Loss
 from trackfg.factors.odometry import absolute_fix
+from trackfg.graph.further_sensors import antenna_variable
 from trackfg.graph.inputs import GraphInputs
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.spans import nearest
@@ -40,7 +41,8 @@ def _gnss(inputs: GraphInputs, gnss: pd.DataFrame, description: Gnss, loss: Loss
     interval = float(np.median(np.diff(t))) if t.size > 1 else np.inf
     inflation = np.sqrt(max(1.0, 2.0 * config.position.gnss_correlation_s / interval))
     sigma = sd * (config.noise.gnss * inflation)
-    return gnss_position(index, position, lever, t - inputs.t[index], sigma, loss)
+    variable = antenna_variable(inputs.recording.description)
+    return gnss_position(index, position, lever, t - inputs.t[index], sigma, loss, variable)
 
 
 def _during_run(inputs: GraphInputs, table: pd.DataFrame, columns: Sequence[str]) -> tuple[Array, np.ndarray]:

@@ -5,6 +5,7 @@ Field names, units and defaults are the contract's. Unknown keys are refused, so
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from datetime import datetime
 from typing import Annotated, Literal
 
@@ -253,6 +254,13 @@ class Gnss(Table):
     lever_arm_m: tuple[Place, Place, Place] = (0.0, 0.0, 0.0)
 
 
+@dataclass(frozen=True)
+class UnplacedAntenna:
+    """An antenna of which is not known where it is from the inertial sensor: to a sigma ahead and to the left, m."""
+
+    sd_m: tuple[float, float]
+
+
 class GnssSpeed(Table):
     """Speeds over ground of the satellite receiver, from Doppler shifts: a magnitude, of the antenna of ``[gnss]``.
 
@@ -343,6 +351,20 @@ class RecordingDescription(Model):
     laser: Annotated[tuple[Laser, ...], Field(max_length=MOST_OF_A_KIND)] = ()
     known_line: KnownLineFile | None = None
     truth: Truth | None = None
+
+    @property
+    def unplaced_antenna(self) -> UnplacedAntenna | None:
+        """The antenna, where its place is declared and that of the inertial sensor is not.
+
+        Declared from the reference point, it is elsewhere from the sensor by as much as the sensor is from there;
+        declared from the sensor, it is where it is said to be.
+        """
+        if self.gnss is None or "lever_arm_m" not in self.gnss.model_fields_set:
+            return None
+        if "lever_arm_m" in self.imu.model_fields_set:
+            return None
+        along, across, _ = self.imu.lever_arm_sigma_m
+        return UnplacedAntenna((along, across))
 
     @model_validator(mode="after")
     def _counts_no_passage_twice(self) -> RecordingDescription:

@@ -153,6 +153,16 @@ _RECEIVER = (
     _Scalar(1, "the stamps of the receiver's speeds are off by {} s", "add it to gnss_speed.time_offset_s"),
 )
 
+_ANTENNA = tuple(
+    _Scalar(
+        column,
+        "from the sensor the antenna is {} m further {} than declared",
+        "declare lever_arm_m of [imu], or that of [gnss] from the sensor",
+        ways=ways,
+    )
+    for column, ways in enumerate((("ahead", "back"), ("left", "right")))
+)
+
 _SCALE_HINT = "multiply wheel_diameter_m, or the column of [tach], by it; near 3.6 or 0.28 its unit is wrong"
 
 _SCALARS: dict[Kind, tuple[_Scalar, ...]] = {
@@ -178,7 +188,7 @@ def wide_priors(run: SolvedRun) -> Reassessment:
         for first, current in zip(declared, now, strict=True):
             judged = _judged(run, kind, first, current)
             prior_sd = first.sigma[0]
-            of_it = _RECEIVER if kind is Kind.SENSOR and _is_of_receiver(problem, current) else scalars
+            of_it = _of_sensor(problem, current) if kind is Kind.SENSOR else scalars
             columns = {scalar.column: scalar for scalar in of_it if prior_sd[scalar.column] >= scalar.least_sd}
             far = [c for c, scalar in columns.items() if abs(judged.sigmas[c]) > scalar.limit]
             if kind is Kind.MOUNT and not _shows_mounting(run, judged.alone[far], _FARTHEST[far]):
@@ -212,10 +222,14 @@ def wide_priors(run: SolvedRun) -> Reassessment:
     return Reassessment(problem, tuple(findings), tuple(doubts), changed=any_changed)
 
 
-def _is_of_receiver(problem: Problem, prior: Family) -> bool:
-    """Return whether a prior is of the variable of a receiver's speeds."""
-    speeds = problem.family(FactorType.GNSS_SPEED)
-    return speeds is not None and bool(speeds.slots[1].index[0] == prior.slots[0].index[0])
+def _of_sensor(problem: Problem, prior: Family) -> tuple[_Scalar, ...]:
+    """Return the scalars of a prior of a ``SENSOR`` variable: of a receiver's speeds, of its antenna, or of another."""
+    for kind, scalars in ((FactorType.GNSS_SPEED, _RECEIVER), (FactorType.GNSS_POSITION, _ANTENNA)):
+        family = problem.family(kind)
+        last = None if family is None else family.slots[-1]
+        if last is not None and last.kind is Kind.SENSOR and last.index[0] == prior.slots[0].index[0]:
+            return scalars
+    return _FURTHER
 
 
 def _shows_mounting(run: SolvedRun, far: Array, farthest: Array) -> bool:

@@ -213,6 +213,25 @@ def test_place_of_the_sensor_is_found_in_curves(place: tuple[float, float, float
     assert sd[0] < 0.5
 
 
+@pytest.mark.parametrize("from_sensor", [False, True])
+def test_an_antenna_is_declared_from_the_sensor_or_from_where_the_sensor_is_not(from_sensor: bool) -> None:
+    """The sensor is 0.6 m aside, and its recording does not say so: positions show from where the antenna was seen."""
+    aside, plan = np.array([0.0, 0.6, 0.0]), scenario("mainline-gnss")
+    run = simulate(replace(plan, imu=replace(plan.imu, lever_arm_m=(0.0, 0.6, 0.0))), seed=2, duration_s=240.0)
+    declared = run.recording.description
+    assert declared.gnss is not None
+    assert declared.unplaced_antenna is None
+    imu = type(declared.imu)(**declared.imu.model_dump(exclude={"lever_arm_m"}))
+    place = np.array(declared.gnss.lever_arm_m) - from_sensor * aside
+    gnss = declared.gnss.model_copy(update={"lever_arm_m": tuple(place.tolist())})
+    description = declared.model_copy(update={"imu": imu, "gnss": gnss})
+    smoothed = solved(replace(run.recording, description=description))
+    assert_honest(run, smoothed, ("chainage_m", "speed_mps"))
+    elsewhere, sd = smoothed.solution.states.sensor[0], np.sqrt(np.diagonal(smoothed.covariance.of(Kind.SENSOR)[0]))
+    assert (np.abs(elsewhere + (not from_sensor) * aside[:2]) < 3.0 * sd).all()
+    assert (sd < 0.3).all()
+
+
 def test_rough_track_does_not_shorten_the_way(monkeypatch: pytest.MonkeyPatch) -> None:
     """A body on springs turns against its path, by 6 mrad on track of 10 mm. Were the sigma of what it moves sideways
     one of a known speed, slower motion would be likelier, and the wheel found smaller, with which only a poor sensor is

@@ -48,3 +48,17 @@ def test_a_stream_holds_its_place_over_slippery_rails_with_further_sensors_and_w
         (axles, alone(axles.recording), {}),
     ):
         assert rms(run, stream(recording, lag_s=10.0, **settings).smoothed) < 0.25
+
+
+@pytest.mark.slow
+def test_a_stream_allows_for_an_antenna_that_is_not_declared_from_the_sensor(stream: Callable[..., Any]) -> None:
+    """The sensor is 0.6 m aside of the point from which the antenna was declared."""
+    plan = scenario("mainline-gnss")
+    run = simulate(replace(plan, imu=replace(plan.imu, lever_arm_m=(0.0, 0.6, 0.0))), seed=2, duration_s=240.0)
+    declared = run.recording.description
+    imu = type(declared.imu)(**declared.imu.model_dump(exclude={"lever_arm_m"}))
+    recording = replace(run.recording, description=declared.model_copy(update={"imu": imu}))
+    table = stream(recording, lag_s=10.0, config=SmoothConfig()).smoothed
+    error = table["chainage_m"] - np.interp(table["t_s"], run.truth["t_s"], run.truth["chainage_m"])
+    in_sigmas = (error - error.iloc[0]) / table["chainage_m_sd"]
+    assert np.sqrt(np.mean(in_sigmas**2)) < 1.5
