@@ -12,6 +12,7 @@ module                  content
 ``locating``            where the stream is on a map
 ``fixed_lag``           :class:`~trackfg.streaming.fixed_lag.FixedLagSmoother`: rows in, estimates out
 ``outages``             times without any rows that are too long to be bridged
+``stream_tests``        all tests of a stream's own sigmas, which these are:
 ``sigma_test``          whether smoothed and filtered estimates differ by more than their sigmas
 ``track_cells``         smoothed rows on a grid along the way
 ``roll_test``           whether the mean roll on straights is zero

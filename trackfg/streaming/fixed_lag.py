@@ -29,33 +29,22 @@ import pandas as pd
 from trackfg.config import SmoothConfig
 from trackfg.errors import BadInputError
 from trackfg.factors.motion import mount_matrix
-from trackfg.graph.inputs import RATE_WINDOW_S, declared_noise
+from trackfg.graph.inputs import RATE_WINDOW_S
 from trackfg.numerics.arrays import Array
 from trackfg.output.dense_motion import DenseMotion
 from trackfg.output.trajectory import trajectory_columns
 from trackfg.recording.description import RecordingDescription
 from trackfg.results.columns import GEOMETRY_COLUMNS, TRAJECTORY_COLUMNS
 from trackfg.results.events import Event
-from trackfg.sensors.imu_intervals import Intervals
 from trackfg.sensors.imu_noise import WhiteNoise
 from trackfg.smoothing.localisation import MapChainage
-from trackfg.streaming.accelerometer_test import AccelerometerTest
-from trackfg.streaming.axle_test import AxleTest
-from trackfg.streaming.bandwidth_test import BandwidthTest
 from trackfg.streaming.checkpoint.snapshot import Snapshot, dump, load_attributes
-from trackfg.streaming.cut_test import CutTest
 from trackfg.streaming.doubts import Doubts
-from trackfg.streaming.far_priors import prior_doubts
-from trackfg.streaming.fix_delay_test import FixDelayTest
-from trackfg.streaming.lean_test import LeanTest
 from trackfg.streaming.locating.map_locator import MapLocator
 from trackfg.streaming.outages import Outage, distance_after, outage_after
-from trackfg.streaming.roll_test import RollTest
 from trackfg.streaming.rows import Rows
-from trackfg.streaming.sigma_test import SigmaTest, fix_doubts
+from trackfg.streaming.stream_tests import StreamTests
 from trackfg.streaming.tables.smoothed_tables import SmoothedTables, TableInput, Tables
-from trackfg.streaming.track_cells import TrackCells
-from trackfg.streaming.vibration_test import VibrationTest
 from trackfg.streaming.window.moving_window import LostWindow, MovingWindow
 from trackfg.streaming.window.running_window import FilterUpdate, Relinearisation, RunningWindow
 from trackfg.streaming.window.sample_buffer import SampleBuffer
@@ -141,16 +130,7 @@ class FixedLagSmoother:
     _done_s: float
     """The end of the tables of a lost window, s."""
     _locator: MapLocator | None
-    _sigma_test: SigmaTest
-    _track_cells: TrackCells
-    _roll_test: RollTest
-    _lean_test: LeanTest
-    _vibration_test: VibrationTest
-    _accelerometer_test: AccelerometerTest
-    _bandwidth_test: BandwidthTest
-    _axle_test: AxleTest
-    _fix_delay_test: FixDelayTest
-    _cut_test: CutTest
+    _tests: StreamTests
     _doubts: Doubts
 
     def __init__(
@@ -184,11 +164,7 @@ class FixedLagSmoother:
         self._locator = None if feature_map is None else MapLocator(description, self.config, feature_map)
         self._moving = MovingWindow(self._buffer, self.config, lag_s, on_map=feature_map is not None)
         self._tables, self._done_s = None, -np.inf
-        self._sigma_test, self._vibration_test = SigmaTest(), VibrationTest()
-        self._track_cells, self._roll_test, self._lean_test = TrackCells(), RollTest(), LeanTest()
-        self._accelerometer_test, self._bandwidth_test = AccelerometerTest(), BandwidthTest()
-        self._axle_test, self._cut_test, self._doubts = AxleTest(), CutTest(), Doubts()
-        self._fix_delay_test = FixDelayTest()
+        self._tests, self._doubts = StreamTests(), Doubts()
 
     def put(self, rows: Rows) -> Estimates:
         """Take the next rows and return the estimates that they make."""
@@ -211,7 +187,7 @@ class FixedLagSmoother:
         estimates = _estimates_of(_table(filtered), outputs)
         if moving.running is None or not self._doubts.are_due(self._buffer.until):
             return estimates
-        return estimates._replace(events=(*estimates.events, *self._doubts.new(self._doubted())))
+        return estimates._replace(events=(*estimates.events, *self._doubts.new(self._tests.events(self._moving))))
 
     def finish(self) -> Estimates:
         """Return what is left when no more rows come; nothing where they were too few to begin with."""
@@ -221,26 +197,7 @@ class FixedLagSmoother:
         if (waiting := self._moving.waiting_event()) is not None:
             outputs.append(PassOutput([], (waiting,)))
         last = _estimates_of(_table(filtered), outputs)
-        return last._replace(events=(*last.events, *self._doubted()))
-
-    def _doubted(self) -> tuple[Event, ...]:
-        """Return what the tests of the sigmas say now of all that has come."""
-        until, running, description = self._buffer.until, self._moving.running, self._buffer.description
-        doubts = self._sigma_test.events(until, positions=description.gnss is not None)
-        doubts += (*self._roll_test.events(until), *self._lean_test.events(until), *self._cut_test.events(until))
-        doubts += fix_doubts(self._moving.votes.tested, self._moving.votes.squares, until)
-        doubts += self._fix_delay_test.events(until)
-        if running is not None:
-            doubts += self._vibration_test.events(until, running.context.conventions)
-            doubts += (*self._accelerometer_test.events(until), *self._bandwidth_test.events(until))
-            doubts += self._axle_test.events(until)
-            doubts += (*running.noise.events(until), *running.gnss.events(until), *running.gnss_speeds.events(until))
-            doubts += running.walk.events(until)
-            if description.imu.rigid:
-                doubts += running.noise.track_doubts(until)
-            declared = description.imu.noise.rectification_sd
-            doubts += prior_doubts(running.newest.states, self.config, declared, until)
-        return doubts
+        return last._replace(events=(*last.events, *self._tests.events(self._moving)))
 
     def state(self) -> Snapshot:
         """Return everything that carries over from one call to the next."""
@@ -283,13 +240,13 @@ class FixedLagSmoother:
         motion = DenseMotion(at, two.nav[1:], two.odo.distance[1:], rate, over, interval, end, forward)
         row = np.concatenate(list(trajectory_columns(run, motion, two, covariance).values()))
         if self._running.heading_known:  # else sigmas are not those of the rows
-            self._sigma_test.expect(row)
+            self._tests.sigmas.expect(row)
         return row
 
     def _work_due(self, *, at_end: bool = False) -> list[PassOutput]:
         """Do what is due besides filtered rows: a relinearisation pass, and the next piece of the tables."""
         if self._moving.running is not None:
-            self._moving.running.speed_doubted = self._sigma_test.doubts("speed_mps")
+            self._moving.running.speed_doubted = self._tests.sigmas.doubts("speed_mps")
         step = self._moving.relinearise_if_due(at_end=at_end)
         shift_m = self._moving.votes.pop_shift()
         if self._tables is not None:
@@ -310,8 +267,8 @@ class FixedLagSmoother:
             begin_s = tables.done_s
             pieces = [tables.next_piece(self._buffer, inputs, settled, at_end=at_end)]
             self._moving.votes.written_s = tables.done_s
-            self._test_trajectory(pieces[0].trajectory)
-            self._test_samples(self._buffer.intervals(begin_s, tables.done_s), running, pieces[0])
+            self._tests.put_trajectory(pieces[0].trajectory, self._moving)
+            self._tests.put_samples(self._buffer.intervals(begin_s, tables.done_s), running, pieces[0])
         locator = self._locator
         events = self._moving.votes.pop_events() if locator is None else self._locate(locator, pieces, step)
         if step.marginalised is not None:
@@ -324,39 +281,16 @@ class FixedLagSmoother:
         events = (*events, *(() if step.event is None else (step.event,)))
         return [PassOutput(pieces, (*(event for piece in pieces for event in piece.events), *events))]
 
-    def _test_trajectory(self, smoothed: pd.DataFrame) -> None:
-        self._sigma_test.put(smoothed)
-        if len(smoothed):
-            t = smoothed["t_s"].to_numpy()
-            self._fix_delay_test.put(smoothed, self._buffer.other_rows_between(float(t[0]) - 1.0, float(t[-1])).fixes)
-        cells = self._track_cells.put(smoothed)
-        self._roll_test.put(cells)
-        if self._buffer.description.imu.rigid:
-            self._lean_test.put(cells)
-        else:
-            self._cut_test.put(cells, smoothed, self._moving.votes.tested)
-
-    def _test_samples(self, samples: Intervals, running: RunningWindow, led_to: Tables) -> None:
-        """Take samples, and the tables that they led to, into the tests of what the sensor makes of the track."""
-        if self._buffer.description.imu.rigid:
-            step_m = running.context.conventions.step_m
-            self._bandwidth_test.put(samples, running.rests.spans, led_to.geometry, step_m)
-            declared = declared_noise(self._buffer.description, self.config)
-            self._axle_test.put(samples, declared, running.noise.shown, led_to, step_m)
-        bandwidth_hz = self._bandwidth_test.bandwidths.least_hz
-        self._vibration_test.put(samples, led_to.trajectory, led_to.geometry, bandwidth_hz)
-        self._accelerometer_test.put(samples, led_to.trajectory)
-
     def _after_loss(self, lost: LostWindow) -> PassOutput:
         """Return the tables up to where the window was lost; from there on the stream begins anew."""
         pieces, done_s = [], self._done_s
         if self._tables is not None and lost.left is not None:
             inputs = self._table_input(lost.left, Relinearisation(lost.left.window, lost.left.root, None))
             pieces = [self._tables.next_piece(self._buffer, inputs, lost.begin_s, at_end=True)]
-            self._test_trajectory(pieces[0].trajectory)
+            self._tests.put_trajectory(pieces[0].trajectory, self._moving)
             done_s = lost.begin_s
         self._begin_tables_after(done_s)
-        self._sigma_test.lost = lost.begin_s, lost.begin_s + START_S
+        self._tests.sigmas.lost = lost.begin_s, lost.begin_s + START_S
         event = Event("restarted", t_s=lost.begin_s, detail=lost.reason)
         return PassOutput(pieces, (*(event for piece in pieces for event in piece.events), event))
 

@@ -1,0 +1,84 @@
+"""A stream's tests take what it writes and measures, and say what they doubt, meanwhile and at its end."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import pandas as pd
+
+from trackfg.graph.inputs import declared_noise
+from trackfg.results.events import Event
+from trackfg.sensors.imu_intervals import Intervals
+from trackfg.streaming.accelerometer_test import AccelerometerTest
+from trackfg.streaming.axle_test import AxleTest
+from trackfg.streaming.bandwidth_test import BandwidthTest
+from trackfg.streaming.cut_test import CutTest
+from trackfg.streaming.far_priors import prior_doubts
+from trackfg.streaming.fix_delay_test import FixDelayTest
+from trackfg.streaming.lean_test import LeanTest
+from trackfg.streaming.roll_test import RollTest
+from trackfg.streaming.sigma_test import SigmaTest, fix_doubts
+from trackfg.streaming.tables.smoothed_tables import Tables
+from trackfg.streaming.track_cells import TrackCells
+from trackfg.streaming.vibration_test import VibrationTest
+from trackfg.streaming.window.moving_window import MovingWindow
+from trackfg.streaming.window.running_window import RunningWindow
+
+
+@dataclass
+class StreamTests:
+    """The tests of a stream, each in a module of its own; ``cells`` are the smoothed rows on a grid along the way."""
+
+    sigmas: SigmaTest = field(default_factory=SigmaTest)
+    cells: TrackCells = field(default_factory=TrackCells)
+    roll: RollTest = field(default_factory=RollTest)
+    lean: LeanTest = field(default_factory=LeanTest)
+    cut: CutTest = field(default_factory=CutTest)
+    fix_delay: FixDelayTest = field(default_factory=FixDelayTest)
+    vibration: VibrationTest = field(default_factory=VibrationTest)
+    accelerometer: AccelerometerTest = field(default_factory=AccelerometerTest)
+    bandwidth: BandwidthTest = field(default_factory=BandwidthTest)
+    axles: AxleTest = field(default_factory=AxleTest)
+
+    def put_trajectory(self, smoothed: pd.DataFrame, moving: MovingWindow) -> None:
+        """Take the next smoothed rows, of the stream whose window is ``moving``."""
+        self.sigmas.put(smoothed)
+        if len(smoothed):
+            t = smoothed["t_s"].to_numpy()
+            self.fix_delay.put(smoothed, moving.buffer.other_rows_between(float(t[0]) - 1.0, float(t[-1])).fixes)
+        cells = self.cells.put(smoothed)
+        self.roll.put(cells)
+        if moving.buffer.description.imu.rigid:
+            self.lean.put(cells)
+        else:
+            self.cut.put(cells, smoothed, moving.votes.tested)
+
+    def put_samples(self, samples: Intervals, running: RunningWindow, led_to: Tables) -> None:
+        """Take samples, and the tables that they led to, into the tests of what the sensor makes of the track."""
+        description = running.buffer.description
+        if description.imu.rigid:
+            step_m = running.context.conventions.step_m
+            self.bandwidth.put(samples, running.rests.spans, led_to.geometry, step_m)
+            declared = declared_noise(description, running.context.config)
+            self.axles.put(samples, declared, running.noise.shown, led_to, step_m)
+        self.vibration.put(samples, led_to.trajectory, led_to.geometry, self.bandwidth.bandwidths.least_hz)
+        self.accelerometer.put(samples, led_to.trajectory)
+
+    def events(self, moving: MovingWindow) -> tuple[Event, ...]:
+        """Return what the tests say now of all that has come."""
+        until, running, description = moving.buffer.until, moving.running, moving.buffer.description
+        doubts = self.sigmas.events(until, positions=description.gnss is not None)
+        doubts += (*self.roll.events(until), *self.lean.events(until), *self.cut.events(until))
+        doubts += fix_doubts(moving.votes.tested, moving.votes.squares, until)
+        doubts += self.fix_delay.events(until)
+        if running is not None:
+            doubts += self.vibration.events(until, running.context.conventions)
+            doubts += (*self.accelerometer.events(until), *self.bandwidth.events(until))
+            doubts += self.axles.events(until)
+            doubts += (*running.noise.events(until), *running.gnss.events(until), *running.gnss_speeds.events(until))
+            doubts += running.walk.events(until)
+            if description.imu.rigid:
+                doubts += running.noise.track_doubts(until)
+            declared = description.imu.noise.rectification_sd
+            doubts += prior_doubts(running.newest.states, moving.config, declared, until)
+        return doubts
