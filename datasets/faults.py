@@ -111,7 +111,7 @@ def slip_wheel(run: Simulation, events: Sequence[WheelSlip]) -> Simulation:
     placed = AdhesionModel(top_creep=0.0, events=tuple(events))
     slip = draw_slip(run.ride, placed, run.ride.motion.duration_s, np.random.default_rng(0))
     t = recording.tach["t_s"].to_numpy()
-    rolled, original = (odometer.rolled_distance(run.ride, model, t, one) for one in (slip, None))
+    rolled, original = (odometer.rolled_distance(run.ride, model, t, wheel_slip) for wheel_slip in (slip, None))
     count = np.round(recording.tach["distance_m"].to_numpy() / model.quantum_m)
     # Half a pulse: where between two pulses the wheel was is not known, and on the average it was in the middle.
     count = np.floor(count + 0.5 + (rolled - original) / run.wheel_scale / model.quantum_m)

@@ -84,9 +84,9 @@ def measure(
     on_earth = gnss is not None and plan.latitude_deg is not None
     origin = np.array([plan.latitude_deg, LONGITUDE_DEG, 0.0]) if on_earth else None
     named = {
-        format_of(one.part).table_name(one.part, number): one
+        format_of(sensor.part).table_name(sensor.part, number): sensor
         for group in further.values()
-        for number, one in enumerate(group, start=1)
+        for number, sensor in enumerate(group, start=1)
     }
     description = RecordingDescription(
         id=name if streams else f"{name}-noise-free",
@@ -105,7 +105,7 @@ def measure(
         laser=tuple(lasers.laser_description(model) for model in plan.lasers),
     )
     parts = {
-        key: tuple(one.part for one in group) if format_of(group[0].part).several else group[0].part
+        key: tuple(sensor.part for sensor in group) if format_of(group[0].part).several else group[0].part
         for key, group in further.items()
     }
     recording = Recording(
@@ -116,11 +116,13 @@ def measure(
         gnss=gnss,
         lasers=lasers.laser_tables(ride, track, plan.lasers, duration_s, laser_rng),
         gnss_origin=origin,
-        others={name: one.table for name, one in named.items()},
+        others={name: sensor.table for name, sensor in named.items()},
     )
     if streams is not None:
         recording = _recorded(plan, recording, streams.run["recorders"])
-    return Measurement(recording, errors, wheel.scale, wheel.slips, {name: one.scale for name, one in named.items()})
+    return Measurement(
+        recording, errors, wheel.scale, wheel.slips, {name: sensor.scale for name, sensor in named.items()}
+    )
 
 
 def _positions(

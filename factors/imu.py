@@ -156,7 +156,7 @@ class InertialFactors(Outlined):
         import gtsam
 
         graph = gtsam.NonlinearFactorGraph()
-        for factor in imu_factors(one.measured for one in self.measured):
+        for factor in imu_factors(preintegration.measured for preintegration in self.measured):
             graph.add(factor)
         return graph
 

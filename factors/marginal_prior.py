@@ -114,7 +114,9 @@ class PriorRows:
     def arguments(family: Family, states: States) -> tuple[Array, int, tuple[Array, ...], Array, Array, Array, Array]:
         """Return what the kernel takes of a family and of the further sensors' states."""
         data = family.data
-        origin, A, b, sigma = [kernel_argument(one[0]) for one in (data["sensor"], data["A"], data["b"], family.sigma)]
+        origin, A, b, sigma = [
+            kernel_argument(array[0]) for array in (data["sensor"], data["A"], data["b"], family.sigma)
+        ]
         sensor, keyframe = kernel_argument(states.sensor[: len(origin)]), int(family.slots[0].index[0])
         return sensor, keyframe, tuple([kernel_argument(data[name]) for name in _ORIGINS]), origin, A, b, sigma
 
@@ -139,7 +141,7 @@ def _marginal(
         block = A[:, :, at : at + kind.dim]
         at += kind.dim
         if isinstance(value, Nav):
-            origin, (rpy, rpy_origin) = Nav(R, p, v), (rpy_from_matrix(one) for one in (value.R, R))
+            origin, (rpy, rpy_origin) = Nav(R, p, v), (rpy_from_matrix(rotation) for rotation in (value.R, R))
             rates = body_rates(rpy_origin)
             tangents.append(_nav_coordinates(value, origin, rpy, rpy_origin, rates))
             block = block @ _by_nav(value, origin, rpy, rates)

@@ -212,7 +212,7 @@ class States(Outlined):
     def joined(self, *later: States) -> States:
         """Return these keyframes, then the later ones; shared variables are those of the last."""
         every = (self, *later)
-        parts = [(one.nav.R, one.nav.p, one.nav.v, one.bias, one.odo.array) for one in every]
+        parts = [(states.nav.R, states.nav.p, states.nav.v, states.bias, states.odo.array) for states in every]
         R, p, v, bias, odo = map(np.concatenate, zip(*parts, strict=True))
         last = every[-1]
         return States(Nav(R, p, v), bias, Odo(odo), last.mount, last.clock, last.imu, last.wheel, last.sensor)

@@ -197,7 +197,7 @@ def _trajectory(recording: Recording, motion: SampledMotion, attitude: Attitude)
 def _geometry(recording: Recording, motion: SampledMotion, attitude: Attitude) -> pd.DataFrame:
     every = max(1, round(_PASS_STEP_S / motion.sampling_s))
     traversals = passes(motion.distance[::every])
-    of_passes = [_of_pass(recording, motion, attitude, one, every) for one in traversals]
+    of_passes = [_of_pass(recording, motion, attitude, traversal, every) for traversal in traversals]
     geometries = [table for table in of_passes if table is not None]
     if not geometries:
         return filled(GEOMETRY_COLUMNS, {})

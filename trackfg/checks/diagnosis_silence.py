@@ -65,7 +65,7 @@ def silent_spans(imu: pd.DataFrame, tach: pd.DataFrame) -> tuple[SilentSpan, ...
     spans += [SilentSpan(start, stop, "constant") for start, stop in lasting.tolist()]
     rows, times = imu[list(IMU_COLUMNS[1:])].to_numpy(), imu["t_s"].to_numpy()
     moving = []
-    for span in sorted(spans, key=lambda one: one.start_s):
+    for span in sorted(spans, key=lambda silence: silence.start_s):
         first, last = np.searchsorted(times, [span.start_s + _MARGIN_S, span.end_s - _MARGIN_S])
         if span.seconds >= SHORTEST_S and is_moving(times[first:last], rows[first:last]):
             moving.append(span)

@@ -99,7 +99,8 @@ def batch(options: BatchChoices) -> None:
     if options.json:
         sys.stdout.writelines(_outcome_line(each.run.name, "fresh", None) for each in planned if each.fresh)
         sys.stdout.writelines(
-            _outcome_line(one.name, "done" if one.reason is None else "failed", one.reason) for one in outcomes
+            _outcome_line(outcome.name, "done" if outcome.reason is None else "failed", outcome.reason)
+            for outcome in outcomes
         )
     else:
         print_unless_quiet(

@@ -98,9 +98,9 @@ def _difference_table(about: About) -> RenderableType:
     groups: dict[tuple[str, str], list[Difference]] = {}
     for difference in about.differences:
         groups.setdefault((difference.quantity, difference.estimator), []).append(difference)
-    for (quantity, name), ones in sorted(groups.items(), key=lambda item: list(QUANTITIES).index(item[0][0])):
-        whole = math.sqrt(sum(one.rms**2 for one in ones) / len(ones))
-        worst = max(ones, key=lambda one: one.rms)
+    for (quantity, name), differences in sorted(groups.items(), key=lambda item: list(QUANTITIES).index(item[0][0])):
+        whole = math.sqrt(sum(difference.rms**2 for difference in differences) / len(differences))
+        worst = max(differences, key=lambda difference: difference.rms)
         table.add_row(QUANTITIES[quantity].heading, name, f"{whole:.3g}", f"{worst.rms:.3g}", f"{worst.from_km:g}")
     return table
 

@@ -81,8 +81,13 @@ def judgement_json(judgement: Judgement) -> str:
         {**limit.model_dump(exclude_defaults=True), "reason": reason} for limit, reason in judgement.not_judged
     ]
     kilometres = [
-        {"km": one.km, "exceedances": dict(one.counts), "length_m": one.length_m, "worst": one.worst_text}
-        for one in by_kilometre(by_severity(judgement.found))
+        {
+            "km": kilometre.km,
+            "exceedances": dict(kilometre.counts),
+            "length_m": kilometre.length_m,
+            "worst": kilometre.worst_text,
+        }
+        for kilometre in by_kilometre(by_severity(judgement.found))
     ]
     unknown = [
         {"quantity": quantity, "level": level, "length_m": length_m}

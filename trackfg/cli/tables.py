@@ -47,7 +47,7 @@ def findings(found: Sequence[Finding], none: str = "Nothing to report: the recor
     if not found:
         return Text(none)
     table = titled("Findings", *columns("", "where", "what", "hint", overflow="fold"), show_lines=True)
-    for finding in sorted(found, key=lambda one: list(_COLOUR).index(one.level)):
+    for finding in sorted(found, key=lambda shown: list(_COLOUR).index(shown.level)):
         expected = f"; expected {finding.expected}" if finding.expected else ""
         table.add_row(
             Text(finding.level, style=_COLOUR[finding.level]),
@@ -82,7 +82,7 @@ def _tach(values: Mapping[str, Any]) -> dict[str, str]:
     silent = values["silent_spans"]
     return {
         "tach": f"{values['tach_rate_hz']:.4g} Hz, {values['nominal_distance_m']:.1f} m in all{steps}",
-        "tach silent in motion": ", ".join(f"{one['start_s']:.1f} to {one['end_s']:.1f} s" for one in silent),
+        "tach silent in motion": ", ".join(f"{span['start_s']:.1f} to {span['end_s']:.1f} s" for span in silent),
     }
 
 

@@ -52,23 +52,27 @@ def run_railway_case(case: Case, *, peers: bool, keep: bool, show: Progress, own
     """
     recording, summary, truth = _measured(case, show)
     catalogue = with_own(estimators(peers=peers), own)
-    estimates, seconds, left_out = run_all({name: one.run for name, one in catalogue.items()}, recording, show)
+    estimates, seconds, left_out = run_all(
+        {name: estimator.run for name, estimator in catalogue.items()}, recording, show
+    )
     clock = recording.imu["t_s"].to_numpy()
     duration = float(clock[-1] - clock[0])
     if truth is None:
-        km = largest_distance_km(one.trajectory for one in estimates.values())
+        km = largest_distance_km(estimate.trajectory for estimate in estimates.values())
         run = CaseRun(case, summary, duration, km, "repeatability", seconds, left_out)
         if case.kind == "alone" and SMOOTHER in estimates:
             return _held_against_the_smoother(run, recording, catalogue, estimates)
-        curves = joined(one.geometry.assign(estimator=name) for name, one in estimates.items())
+        curves = joined(estimate.geometry.assign(estimator=name) for name, estimate in estimates.items())
         return replace(run, geometry=with_first_column("case", case.name, curves))
-    scored = [_scored(name, catalogue[name], one, recording, truth) for name, one in estimates.items()]
-    scores = score_table(case, joined(one.scores for one in scored), seconds, truth.distance_km)
+    scored = [_scored(name, catalogue[name], estimate, recording, truth) for name, estimate in estimates.items()]
+    scores = score_table(case, joined(scored_run.scores for scored_run in scored), seconds, truth.distance_km)
     geometry, positions = pd.DataFrame(), pd.DataFrame()
     if keep:
         true = [] if truth.geometry is None else [truth.geometry.assign(estimator=TRUTH)]
-        geometry = with_first_column("case", case.name, joined([*true, *(one.geometry for one in scored)]))
-        positions = with_first_column("case", case.name, joined(one.positions for one in scored))
+        geometry = with_first_column(
+            "case", case.name, joined([*true, *(scored_run.geometry for scored_run in scored)])
+        )
+        positions = with_first_column("case", case.name, joined(scored_run.positions for scored_run in scored))
     return CaseRun(case, summary, duration, truth.distance_km, "truth", seconds, left_out, scores, geometry, positions)
 
 
@@ -81,25 +85,25 @@ def _held_against_the_smoother(
     held = smoother.geometry[columns].dropna()
     truth = _Truth(smoother.trajectory, held if len(held) else None)
     others = {
-        name: _scored(name, catalogue[name], one, recording, truth)
-        for name, one in estimates.items()
+        name: _scored(name, catalogue[name], estimate, recording, truth)
+        for name, estimate in estimates.items()
         if name != SMOOTHER
     }
-    curves = [smoother.geometry.assign(estimator=SMOOTHER), *(one.geometry for one in others.values())]
+    curves = [smoother.geometry.assign(estimator=SMOOTHER), *(scored_run.geometry for scored_run in others.values())]
     case = run.case.name
     return replace(
         run,
         distance_km=truth.distance_km,
         basis="smoother",
         geometry=with_first_column("case", case, joined(curves)),
-        positions=with_first_column("case", case, joined(one.positions for one in others.values())),
+        positions=with_first_column("case", case, joined(scored_run.positions for scored_run in others.values())),
         differences=tuple(
             difference
-            for name, one in others.items()
+            for name, scored_run in others.items()
             for difference in differences(
                 catalogue[name].tasks,
-                with_first_column("case", case, one.geometry),
-                with_first_column("case", case, one.positions),
+                with_first_column("case", case, scored_run.geometry),
+                with_first_column("case", case, scored_run.positions),
                 smoother.trajectory,
             )
         ),

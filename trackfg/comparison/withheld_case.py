@@ -30,8 +30,10 @@ def run_withheld_case(case: Case, *, peers: bool, show: Progress, own: Mapping[s
     recording = read_recording(case.folder)
     divided = division(recording, case.withheld, case.seed)
     every = with_own(estimators(peers=peers), own)
-    catalogue = {name: one for name, one in every.items() if "distance and position" in one.tasks}
-    estimates, seconds, left_out = run_all({name: one.run for name, one in catalogue.items()}, divided.kept, show)
+    catalogue = {name: estimator for name, estimator in every.items() if "distance and position" in estimator.tasks}
+    estimates, seconds, left_out = run_all(
+        {name: estimator.run for name, estimator in catalogue.items()}, divided.kept, show
+    )
     scores = joined(
         with_first_column(
             "estimator",
@@ -40,7 +42,7 @@ def run_withheld_case(case: Case, *, peers: bool, show: Progress, own: Mapping[s
         )
         for name, estimate in estimates.items()
     )
-    km = largest_distance_km(one.trajectory for one in estimates.values())
+    km = largest_distance_km(estimate.trajectory for estimate in estimates.values())
     clock = recording.imu["t_s"].to_numpy()
     summary = f"{case.withheld} of a recording in {case.folder.name}, in {FOLDS} parts in turn"
     table = score_table(case, scores, seconds, km) if len(scores) else scores

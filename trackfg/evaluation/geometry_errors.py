@@ -53,7 +53,7 @@ def _chainage_errors(trajectory: pd.DataFrame, truth: pd.DataFrame, places: Arra
     """
     t, estimated = trajectory["t_s"].to_numpy(), trajectory["chainage_m"].to_numpy()
     true = np.interp(t, truth["t_s"].to_numpy(), truth["chainage_m"].to_numpy())
-    stretches = [slice(one.first, one.last + 1) for one in passes(true, least_m=0.0)]
+    stretches = [slice(stretch.first, stretch.last + 1) for stretch in passes(true, least_m=0.0)]
     out = np.full(places.shape, np.nan)
     for stretch in sorted(stretches, key=lambda stretch: float(np.ptp(true[stretch])), reverse=True):
         x, error = estimated[stretch], (estimated - true)[stretch]

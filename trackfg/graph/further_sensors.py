@@ -98,8 +98,8 @@ def sensor_priors(description: RecordingDescription, config: SmoothConfig) -> It
 
 def measures_speed(recording: Recording) -> bool:
     """Return whether a sensor of the speed over ground, or the receiver, has speeds."""
-    speeds = [one for one in further_sensors(recording.description) if isinstance(one.part, Speed | GnssSpeed)]
-    return any(len(recording.others.get(one.name, ())) > 1 for one in speeds)
+    speeds = [sensor for sensor in further_sensors(recording.description) if isinstance(sensor.part, Speed | GnssSpeed)]
+    return any(len(recording.others.get(sensor.name, ())) > 1 for sensor in speeds)
 
 
 def with_distance_by_speed(recording: Recording) -> Recording:

@@ -63,17 +63,19 @@ def centre_or_rails(table: pd.DataFrame) -> tuple[GeometryChannel, ...]:
     """
     shown: list[GeometryChannel] = []
     for centre in CENTRE:
-        rails = [one for one in RAILS if one.column.startswith(f"{centre.label}_") and one.column in table]
-        shown += rails if table[[one.column for one in rails]].notna().any(axis=None) else [centre]
-    return (*shown, *(one for one in RAILS if one.twin is None and one.column in table))
+        rails = [
+            channel for channel in RAILS if channel.column.startswith(f"{centre.label}_") and channel.column in table
+        ]
+        shown += rails if table[[channel.column for channel in rails]].notna().any(axis=None) else [centre]
+    return (*shown, *(channel for channel in RAILS if channel.twin is None and channel.column in table))
 
 
 def measured_channels(
     table: pd.DataFrame, channels: Sequence[GeometryChannel], verdicts: Sequence[Verdict] = ()
 ) -> tuple[GeometryChannel, ...]:
     """Return those of the channels that the table knows anywhere; what is not to be trusted is so labelled."""
-    measured = (one for one in channels if one.column in table and table[one.column].notna().any())
-    return tuple(replace(one, label=label_of(one.label, one.column, verdicts)) for one in measured)
+    measured = (channel for channel in channels if channel.column in table and table[channel.column].notna().any())
+    return tuple(replace(channel, label=label_of(channel.label, channel.column, verdicts)) for channel in measured)
 
 
 def label_of(label: str, column: str, verdicts: Sequence[Verdict]) -> str:

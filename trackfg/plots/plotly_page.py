@@ -84,8 +84,8 @@ def _strips(figure: go.Figure, sheet: Sheet) -> None:
         low, high = figure.layout[f"yaxis{number}"].domain
         over = [] if panel.over is None else [panel.over]
         text = "<br>".join(
-            f'<span style="color:{one.curves[0].colour}">{one.label.replace(chr(10), "<br>")}</span>'
-            for one in (panel, *over)
+            f'<span style="color:{drawn.curves[0].colour}">{drawn.label.replace(chr(10), "<br>")}</span>'
+            for drawn in (panel, *over)
         )
         _note(
             figure,

@@ -26,7 +26,9 @@ def with_antenna_named(findings: Iterable[Finding], gnss: Gnss | None) -> tuple[
     """
     if gnss is None or is_declared(gnss):
         return tuple(findings)
-    return tuple(replace(one, hint=_named(one.hint)) if _may_be_its(one.code) else one for one in findings)
+    return tuple(
+        replace(finding, hint=_named(finding.hint)) if _may_be_its(finding.code) else finding for finding in findings
+    )
 
 
 def _may_be_its(code: str) -> bool:

@@ -66,7 +66,7 @@ def case_curves(comparison: Comparison, case: str, colour: Mapping[str, str]) ->
     for ranked in scored.values():
         best |= set([name for name in ranked if name != REFERENCE][:1])
     if not scored:
-        best |= {one.estimator for one in comparison.about.differences if one.case == case}
+        best |= {difference.estimator for difference in comparison.about.differences if difference.case == case}
     geometry, over_time = (_of_case(table, case) for table in (comparison.geometry, comparison.positions))
     chart = _CaseChart(scored, best, colour)
     values, errors = chart.over_chainage(geometry) if geometry else (None, None)

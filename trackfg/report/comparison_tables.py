@@ -196,8 +196,8 @@ def score_table(about: About, task: Task) -> PageTable:
 
 def difference_table(about: About) -> PageTable:
     """Return the rms difference of each estimator from the smoother by kilometre, a row per quantity and estimator."""
-    kms = sorted({one.from_km for one in about.differences})
-    cells = {(one.quantity, one.estimator, one.from_km): one.rms for one in about.differences}
+    kms = sorted({difference.from_km for difference in about.differences})
+    cells = {(cell.quantity, cell.estimator, cell.from_km): cell.rms for cell in about.differences}
     pairs = dict.fromkeys((quantity, name) for quantity in QUANTITIES for q, name, _ in cells if q == quantity)
     rows = TableRow.plain(
         (QUANTITIES[quantity].heading, name, *(digits(cells.get((quantity, name, km))) for km in kms))
@@ -209,7 +209,7 @@ def difference_table(about: About) -> PageTable:
 
 def left_out_table(about: About) -> PageTable:
     """Return the table of what could not be used, and why."""
-    rows = TableRow.plain((one.case, one.estimator, one.reason) for one in about.left_out)
+    rows = TableRow.plain((omission.case, omission.estimator, omission.reason) for omission in about.left_out)
     return PageTable(("case", "estimator", "why"), rows)
 
 

@@ -117,15 +117,15 @@ def _kilometres(exceedances: pd.DataFrame) -> PageTable:
     """Return how many exceedances each kilometre has, by level, and the worst of them."""
     rows = TableRow.plain(
         (
-            one.km,
-            str(one.count),
-            counts_text(one.counts),
-            f"{one.length_m:.1f}",
-            quantity_text(one.worst),
-            place_text(one.worst),
-            f"{100.0 * one.share:.0f}",
+            kilometre.km,
+            str(kilometre.count),
+            counts_text(kilometre.counts),
+            f"{kilometre.length_m:.1f}",
+            quantity_text(kilometre.worst),
+            place_text(kilometre.worst),
+            f"{100.0 * kilometre.share:.0f}",
         )
-        for one in by_kilometre(exceedances)
+        for kilometre in by_kilometre(exceedances)
     )
     headings = ("km", "exceedances", "by class", "length, m", "worst", "at km", "% of limit")
     return PageTable(headings, rows, numbers=frozenset((0, 1, 3, 5, 6)), caption="By kilometre")

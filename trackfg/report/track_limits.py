@@ -79,7 +79,7 @@ def judge(
 def doubt_about(result: Result) -> str:
     """Return in words which quantities of track geometry are not to be trusted; nothing where all are."""
     judged = set(_QUANTITIES.values())
-    names = untrusted(one for one in result.summary.verdicts if one.quantity in judged)
+    names = untrusted(verdict for verdict in result.summary.verdicts if verdict.quantity in judged)
     return f"{NOT_TRUSTED} in this run: {names}" if names else ""
 
 

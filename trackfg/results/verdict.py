@@ -154,7 +154,7 @@ def causes(verdicts: Iterable[Verdict], findings: Iterable[Finding] = ()) -> lis
 
 
 def _worst_first(verdicts: Iterable[Verdict]) -> list[Verdict]:
-    return sorted(verdicts, key=lambda one: -one.widening)
+    return sorted(verdicts, key=lambda verdict: -verdict.widening)
 
 
 def _in_words(verdict: Verdict) -> str:

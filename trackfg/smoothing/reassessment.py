@@ -103,17 +103,17 @@ def reassessed(run: SolvedRun, solver: RunSolver, reassessors: Sequence[Reassess
         problem = run.problem
         reassessments: list[Reassessment] = []
         for reassessor in reassessors:
-            is_changing, judged_before = any(one.changed for one in reassessments), seen.get(reassessor)
+            is_changing, judged_before = any(outcome.changed for outcome in reassessments), seen.get(reassessor)
             seen[reassessor] = problem
             # A local would keep the solution when it is deleted below.
             reassessments.append(
                 reassessor(replace(run, problem=problem, is_changing=is_changing, judged_before=judged_before))
             )
             problem = reassessments[-1].problem
-        if not rounds_left or not any(one.changed for one in reassessments):
+        if not rounds_left or not any(outcome.changed for outcome in reassessments):
             break
         config, declared, problem = run.config, run.declared, replace(problem, initial=run.solution.states)
         del run  # its square root and its covariance are as large as the next ones
-        run = solver(config, declared, problem, any(one.far for one in reassessments))
-    findings = tuple(finding for one in reassessments for finding in one.findings)
-    return replace(run, findings=findings, doubts=tuple(doubt for one in reassessments for doubt in one.doubts))
+        run = solver(config, declared, problem, any(outcome.far for outcome in reassessments))
+    findings = tuple(finding for outcome in reassessments for finding in outcome.findings)
+    return replace(run, findings=findings, doubts=tuple(doubt for outcome in reassessments for doubt in outcome.doubts))

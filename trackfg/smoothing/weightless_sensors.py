@@ -85,7 +85,7 @@ def without_unmeasured_rows(recording: Recording) -> Recording:
     unmeasured = unmeasured_in(recording)
     if not unmeasured:
         return recording
-    findings = (replace(one, message=f"{one.message}; they are left out") for _, one in unmeasured.values())
+    findings = (replace(finding, message=f"{finding.message}; they are left out") for _, finding in unmeasured.values())
     tables = {name: recording.tables[name][~rows].reset_index(drop=True) for name, (rows, _) in unmeasured.items()}
     return replace(recording.with_tables(tables), findings=(*recording.findings, *findings))
 
@@ -96,7 +96,7 @@ def without_contradicted_speeds(recording: Recording, limits: CheckLimits) -> Re
     contradictions = receiver_speed_findings(recording.description.gnss_speed, scale, limits)
     if not contradictions:
         return recording
-    findings = (replace(one, message=f"{one.message}; they are left out") for one in contradictions)
+    findings = (replace(finding, message=f"{finding.message}; they are left out") for finding in contradictions)
     others = {name: table for name, table in recording.others.items() if name != GNSS_SPEED_TABLE}
     return replace(recording, others=others, findings=(*recording.findings, *findings))
 

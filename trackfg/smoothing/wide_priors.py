@@ -295,11 +295,11 @@ def _contradictions(kind: Kind, judged: _Judged, far: list[_Scalar], sigma: Arra
     if not far:
         return []
     sentence = "; ".join(
-        f"{one.described(float(judged.alone[one.column]))}, {abs(judged.sigmas[one.column]):.1f} sigmas from what was "
-        f"declared or assumed to {sigma[one.column]:.2g}"
-        for one in far
+        f"{scalar.described(float(judged.alone[scalar.column]))}, {abs(judged.sigmas[scalar.column]):.1f} sigmas from "
+        f"what was declared or assumed to {sigma[scalar.column]:.2g}"
+        for scalar in far
     )
-    hint = "; ".join(dict.fromkeys(one.hint for one in far))
+    hint = "; ".join(dict.fromkeys(scalar.hint for scalar in far))
     return [Finding("warning", f"far-from-prior-{kind.attribute}", f"{sentence}. The data decided", hint=hint)]
 
 

@@ -82,7 +82,7 @@ def eliminate_with_marginals(
 
     Raises ``ValueError`` where keyframes go and factors reach further than to the next one.
     """
-    placed, shared_dim = [_Placed.of(one) for one in factors], _shared_dim(factors)
+    placed, shared_dim = [_Placed.of(linear) for linear in factors], _shared_dim(factors)
     ahead = _ahead(placed, keyframes)
     if leading_counts and ahead.any():
         raise ValueError("factors that tie keyframes further apart: these cannot be marginalised one by one")
@@ -98,7 +98,7 @@ def eliminated_blocks(factors: Sequence[LinearFactors], keyframes: int) -> Itera
 
     What is done with them, and not their number, decides how much memory they take.
     """
-    placed, shared_dim = [_Placed.of(one) for one in factors], _shared_dim(factors)
+    placed, shared_dim = [_Placed.of(linear) for linear in factors], _shared_dim(factors)
     ahead = _ahead(placed, keyframes)
     alone, remainder = _of_shared_alone(placed, shared_dim + 1), np.zeros((0, KEYFRAME_DIM + shared_dim + 1))
     chain = _Chain.of(placed, ahead)
@@ -125,7 +125,9 @@ def _conditional_of_shared(alone: Array, shared_dim: int) -> tuple[Array, Array]
 
 def _shared_dim(factors: Sequence[LinearFactors]) -> int:
     """The dimension of the shared variables: each further sensor has a factor, its prior or what that has become."""
-    sensors = (slot.index for one in factors for slot in one.slots if slot.kind is Kind.SENSOR and slot.index.size)
+    sensors = (
+        slot.index for linear in factors for slot in linear.slots if slot.kind is Kind.SENSOR and slot.index.size
+    )
     return SHARED_DIM + Kind.SENSOR.dim * max((int(index.max()) + 1 for index in sensors), default=0)
 
 
@@ -135,7 +137,7 @@ def stacked_pair(factors: Sequence[LinearFactors], sensors: int | None = None) -
     ``sensors``: how many further ones the run has, if these factors do not touch them all.
     """
     shared_dim = _shared_dim(factors) if sensors is None else SHARED_DIM + Kind.SENSOR.dim * sensors
-    rows = np.zeros((sum(one.rows.shape[0] * one.rows.shape[1] for one in factors), _PAIR + shared_dim + 1))
+    rows = np.zeros((sum(linear.rows.shape[0] * linear.rows.shape[1] for linear in factors), _PAIR + shared_dim + 1))
     begin = 0
     for slots, members in factors:
         kinds, indices = tuple(slot.kind for slot in slots), tuple(slot.index.tobytes() for slot in slots)
@@ -244,8 +246,8 @@ class _Chain(NamedTuple):
 
     @classmethod
     def of(cls, factors: Sequence[_Placed], ahead: np.ndarray) -> _Chain:
-        filled = [one for one in factors if one.factors.rows.size] if compiled_kernels() else []
-        return cls(factors, [array for one in filled for array in one.as_arrays()], _PAIR + NAV_DIM * ahead)
+        filled = [placed for placed in factors if placed.factors.rows.size] if compiled_kernels() else []
+        return cls(factors, [array for placed in filled for array in placed.as_arrays()], _PAIR + NAV_DIM * ahead)
 
 
 def _block_factored(chain: _Chain, begin: int, remainder: Array, out: _WithBeyond) -> tuple[Array, Array]:
@@ -299,7 +301,7 @@ def _block_compiled(block: _Block, out: _WithBeyond) -> tuple[Array, Array]:
 def _block_by_lapack(block: _Block, out: _WithBeyond) -> tuple[Array, Array]:
     """Write the conditionals of a block, and return what is left over and rows of the shared variables alone."""
     widths, remainder, tail, alone = block.widths.tolist(), block.remainder, block.tail, []
-    factors = [one.between(block.begin, block.begin + len(out.R)) for one in block.chain.factors]
+    factors = [placed.between(block.begin, block.begin + len(out.R)) for placed in block.chain.factors]
     rows, starts = _stacked(factors, block.widths[1:-1], tail)
     begins = begins_beyond((block.widths[1:-1] - _PAIR) // NAV_DIM).tolist()
     for k, (preceding, width, following) in enumerate(zip(widths, widths[1:], widths[2:], strict=False)):
@@ -456,7 +458,7 @@ def _ahead(factors: Sequence[_Placed], keyframes: int) -> np.ndarray:
 
 def _of_shared_alone(factors: Sequence[_Placed], tail: int) -> Array:
     """Return the rows of shared variables alone."""
-    shared = [one.between(-1, 0) for one in factors if one.first.size and one.first[0] < 0]
+    shared = [placed.between(-1, 0) for placed in factors if placed.first.size and placed.first[0] < 0]
     return _stacked(shared, np.array([_PAIR]), tail)[0][:, _PAIR:]
 
 
@@ -465,11 +467,11 @@ def _stacked(factors: Sequence[_Placed], widths: np.ndarray, tail: int) -> tuple
 
     Shape (m, widest window), and n + 1 starts.
     """
-    factors = [one for one in factors if len(one.first)]
+    factors = [placed for placed in factors if len(placed.first)]
     none = np.zeros(0, dtype=np.int64)
-    tall = (np.full(len(one.first), one.factors.rows.shape[1]) for one in factors)
+    tall = (np.full(len(placed.first), placed.factors.rows.shape[1]) for placed in factors)
     heights = np.concatenate([none, *tall])
-    by_keyframe = np.concatenate([none, *(one.first for one in factors)])
+    by_keyframe = np.concatenate([none, *(placed.first for placed in factors)])
     order = np.argsort(by_keyframe, kind="stable")
     ends = np.cumsum(heights[order])
     begins = np.empty(len(order), dtype=np.int64)

@@ -138,7 +138,7 @@ def all_rows(problem: Problem, solution: Solution, rng: np.random.Generator) -> 
         ("accel", LinearFactors(inertial.slots, inertial.rows[:, 3:])),
     ]
     named = _GROUPS | _PRIORS
-    parts += [(named.get(one.type, ""), one.linearize(solution.states)) for one in problem.families]
+    parts += [(named.get(family.type, ""), family.linearize(solution.states)) for family in problem.families]
     drawn = [rng.standard_normal((*linear.b.shape, _DRAWS)) for _, linear in parts]
     n, shared = len(solution.states), solution.root.size - KEYFRAME_DIM
     score = Columns(np.zeros((n, KEYFRAME_DIM, _DRAWS)), np.zeros((shared, _DRAWS)))
@@ -238,7 +238,7 @@ def misfits(
     """
     totals: list[_Sums] = []
     for part in gain:
-        sums = [_sums(one.between(part.begin, part.end), part.columns, blocks) for one in rows]
+        sums = [_sums(group_rows.between(part.begin, part.end), part.columns, blocks) for group_rows in rows]
         totals = [total + more for total, more in zip(totals, sums, strict=True)] if totals else sums
     parts: dict[str, list[list[Misfit]]] = {}
     for group_rows, total in zip(rows, totals, strict=True):
@@ -281,7 +281,8 @@ def _misfits(rows: GroupRows, sums: _Sums, kinds: int) -> list[Misfit]:
         squares, drawn = np.sum(rows.linear.b**2), np.sum(rows.drawn**2, axis=(0, 1))
         divisions = len(sums.squares)
         return [
-            Misfit(rows.group, float(one), np.full(divisions, squares), np.tile(drawn, (divisions, 1))) for one in share
+            Misfit(rows.group, float(part), np.full(divisions, squares), np.tile(drawn, (divisions, 1)))
+            for part in share
         ]
     divisions, _, count = sums.squares.shape
     of_kind = sums.squares.reshape(divisions, kinds, -1, count).sum(axis=2)

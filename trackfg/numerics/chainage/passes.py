@@ -39,7 +39,7 @@ def passes(distance: Array, least_m: float = _MOVED_M) -> list[Pass]:
     latest = np.clip(np.searchsorted(moving, np.arange(len(steps)), side="right") - 1, 0, None)
     rising = steps[moving[latest]] > 0
     traversals = [Pass(int(a), int(b), sense) for sense in (1, -1) for a, b in true_runs(rising == (sense > 0))]
-    return sorted(traversals, key=lambda one: one.first)
+    return sorted(traversals, key=lambda traversal: traversal.first)
 
 
 def only_falls(distance: Array) -> bool:

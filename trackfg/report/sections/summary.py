@@ -121,8 +121,10 @@ def _trust(page: Summary) -> Iterator[PageTable]:
     verdicts = page.verdicts
     if verdicts:
         rows = (
-            TableRow((one.verdict, ", ".join(one.quantities)), mark="" if one.verdict == "trusted" else "warning")
-            for one in opinions(verdicts)
+            TableRow(
+                (opinion.verdict, ", ".join(opinion.quantities)), mark="" if opinion.verdict == "trusted" else "warning"
+            )
+            for opinion in opinions(verdicts)
         )
         yield PageTable(("verdict", "quantities"), tuple(rows), caption="Can the sigmas be trusted?")
         why = causes(verdicts, page.findings)

@@ -130,7 +130,7 @@ def _of_stretch(x: Array, shown: Array) -> TrackSums:
     """Return the sums of a stretch; ``shown`` (n, 6) between the places ``x`` (n + 1,), m."""
     grid = np.arange(0.0, x[-1], _STEP_M)
     sums = np.concatenate([np.zeros((1, shown.shape[1])), np.cumsum(shown * np.diff(x)[:, None], axis=0)])
-    mean = np.column_stack([np.diff(np.interp(grid, x, one)) / _STEP_M for one in sums.T])
+    mean = np.column_stack([np.diff(np.interp(grid, x, integral)) / _STEP_M for integral in sums.T])
     band = _in_band(mean[:, :3])
     slope = np.gradient(band, _STEP_M, axis=0)
     p, q, force = band.T

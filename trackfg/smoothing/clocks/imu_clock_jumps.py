@@ -106,7 +106,7 @@ def _explains_better(recording: Recording, imu: pd.DataFrame, i: int, by: float,
     gap = replace(recording, imu=part, gnss=gnss, fixes=None, others={})
     as_set = replace(gap, imu=part.assign(t_s=part["t_s"] - by * (part["t_s"] > hole_s)))
     try:
-        of_gap, of_set = (solve(build_problem(one, config), config.solver) for one in (gap, as_set))
+        of_gap, of_set = (solve(build_problem(hypothesis, config), config.solver) for hypothesis in (gap, as_set))
     except TrackfgError:  # so little of the run that it cannot be smoothed
         return False
     level = max(1.0, 2.0 * of_set.cost / max(of_set.degrees_of_freedom, 1))

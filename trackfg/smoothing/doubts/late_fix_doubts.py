@@ -43,7 +43,7 @@ def late_fix_doubts(run: SolvedRun, fixes: pd.DataFrame | None) -> list[Doubt]:
     if run.problem.wheel is not None:
         rolled = run.problem.wheel.at(passed - states.clock[0, 0])
         delays.append(delay_of(passages._replace(distance=rolled)))
-    delay = next((one for one in delays if one is not None and one.is_sure), None)
+    delay = next((estimate for estimate in delays if estimate is not None and estimate.is_sure), None)
     if delay is None:
         return []
     factor = moved_in_sigmas(delay, passages.speed, np.interp(passed, t, variance))

@@ -55,9 +55,9 @@ def lasting_pull(run: SolvedRun, far: list[int]) -> Array:
     pull = np.linalg.solve(free, prior.residual(solution.states)[0, far])
     back = Step(-(moved.keyframes @ pull), -(moved.shared @ pull))
     rows = [
-        replace(one, linear=one.linear.relative_to_step_start(back))
-        for one in all_rows(problem, solution, np.random.default_rng(0))
-        if one.group != _PRIOR
+        replace(group_rows, linear=group_rows.linear.relative_to_step_start(back))
+        for group_rows in all_rows(problem, solution, np.random.default_rng(0))
+        if group_rows.group != _PRIOR
     ]
     gain = Columns(*(part / np.sqrt(np.diagonal(moved.shared[index])) for part in moved))
     of_columns = misfits(rows, [GainPart(0, n, gain)], blocks_of_time(problem.t), len(far))

@@ -152,10 +152,10 @@ def self_test(run: SolvedRun) -> SelfTest:
     for function, group_misfits in _found(run, rows, blocks):
         causes = causes_of(group_misfits, levels)
         factor = widening(causes)
-        tested = tuple(_NAMES[one.group] for one in group_misfits if one.share > _LEAST_SHARE)
+        tested = tuple(_NAMES[misfit.group] for misfit in group_misfits if misfit.share > _LEAST_SHARE)
         for quantity in function.quantities:
             if factor > (worst[quantity].factor if quantity in worst else _LEAST_WIDENING):
-                worst[quantity] = _doubt(quantity, factor, max(causes, key=lambda one: one.share * one.ratio))
+                worst[quantity] = _doubt(quantity, factor, max(causes, key=lambda cause: cause.share * cause.ratio))
             checked[quantity] = tuple(dict.fromkeys((*checked.get(quantity, ()), *tested)))
     for group, quantities in _PREDICTED.values():
         score = levels.get(group)
@@ -175,7 +175,7 @@ def blocks_of_time(t: Array) -> list[np.ndarray]:
 
 def causes_of(of_groups: Sequence[Misfit], levels: Mapping[str, Level]) -> list[Cause]:
     """Return the groups whose residuals are too large, by their misfits and by the ``levels`` of what is predicted."""
-    return [cause for one in of_groups if (cause := _cause(one, levels.get(one.group)))]
+    return [cause for misfit in of_groups if (cause := _cause(misfit, levels.get(misfit.group)))]
 
 
 def widening(causes: Sequence[Cause]) -> float:
@@ -185,7 +185,7 @@ def widening(causes: Sequence[Cause]) -> float:
 
 def _found(run: SolvedRun, rows: list[GroupRows], blocks: list[np.ndarray]) -> Iterator[tuple[_Function, list[Misfit]]]:
     """Yield each function and its misfits."""
-    reach = max(one.reach for one in rows)
+    reach = max(group_rows.reach for group_rows in rows)
     gain = gains(run.solution.root, _functions(run), _ends(blocks), reach)
     yield from zip(_FUNCTIONS, misfits(rows, gain, blocks, len(_FUNCTIONS)), strict=True)
 

@@ -70,7 +70,7 @@ def dump(thing: object, given: Iterable[object] = ()) -> Snapshot:
 
     Raises ``TypeError`` for an attribute that is not annotated, or is not what its annotation says.
     """
-    writer = _Writer({type(one): one for one in given})
+    writer = _Writer({type(instance): instance for instance in given})
     attributes, hints = vars(thing), _hints(type(thing), writer.given)
     if attributes.keys() != hints.keys():
         raise TypeError(f"{type(thing).__name__}: {set(attributes) ^ set(hints)} of attributes and annotations differ")
@@ -83,7 +83,7 @@ def load_attributes(kind: type, snapshot: Snapshot, given: Iterable[object] = ()
 
     Raises :class:`~trackfg.errors.BadInputError` for a snapshot that does not fit the classes as they are.
     """
-    by_class = {type(one): one for one in given}
+    by_class = {type(instance): instance for instance in given}
     hints = _hints(kind, by_class)
     try:
         reader = _Reader(snapshot.tree["objects"], snapshot.data, by_class)
@@ -156,13 +156,13 @@ def _form(annotation: Any) -> _Form:
     if origin is collections.abc.Callable:
         return _Functions()
     if origin in (typing.Union, types.UnionType) and len(arguments) == 2 and type(None) in arguments:
-        return _Optional(_form(next(one for one in arguments if one is not type(None))))
+        return _Optional(_form(next(argument for argument in arguments if argument is not type(None))))
     if origin is list or (origin is tuple and arguments[1:] == (...,)):
         return _Many(origin, _form(arguments[0]))
     if origin is tuple:
-        return _Fixed(tuple(_form(one) for one in arguments))
+        return _Fixed(tuple(_form(argument) for argument in arguments))
     if origin in (dict, collections.abc.Mapping):
-        return _Pairs(_Fixed(tuple(_form(one) for one in arguments)))
+        return _Pairs(_Fixed(tuple(_form(argument) for argument in arguments)))
     if inspect.isclass(origin):
         if inspect.isabstract(origin):
             return _Variants(origin)
@@ -213,11 +213,11 @@ class _Many:
 
     def write(self, value: Any, to: _Writer) -> Any:
         _expect(value, self.kind)
-        return [self.form.write(one, to) for one in value]
+        return [self.form.write(item, to) for item in value]
 
     def read(self, node: Any, source: _Reader) -> Any:
         _expect(node, list)
-        return self.kind(self.form.read(one, source) for one in node)
+        return self.kind(self.form.read(item, source) for item in node)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -226,11 +226,11 @@ class _Fixed:
 
     def write(self, value: Any, to: _Writer) -> Any:
         _expect(value, tuple)
-        return [form.write(one, to) for form, one in zip(self.forms, value, strict=True)]
+        return [form.write(item, to) for form, item in zip(self.forms, value, strict=True)]
 
     def read(self, node: Any, source: _Reader) -> Any:
         _expect(node, list)
-        return tuple(form.read(one, source) for form, one in zip(self.forms, node, strict=True))
+        return tuple(form.read(item, source) for form, item in zip(self.forms, node, strict=True))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -239,11 +239,11 @@ class _Pairs:
 
     def write(self, value: Any, to: _Writer) -> Any:
         _expect(value, dict)
-        return [self.pair.write(one, to) for one in value.items()]
+        return [self.pair.write(pair, to) for pair in value.items()]
 
     def read(self, node: Any, source: _Reader) -> Any:
         _expect(node, list)
-        return dict(self.pair.read(one, source) for one in node)
+        return dict(self.pair.read(pair, source) for pair in node)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -330,7 +330,7 @@ class _Structure:
             _expect(node, type(None))
             return source.given[self.kind]
         forms = _fields(self.kind, tuple(source.given))
-        return source.object(node, self.kind, lambda one: self.kind(**source.fields(one, forms)))
+        return source.object(node, self.kind, lambda fields: self.kind(**source.fields(fields, forms)))
 
 
 class _Variants:
@@ -363,4 +363,4 @@ def _fields(kind: type, given: tuple[type, ...]) -> dict[str, _Form]:
 
 def _hints(kind: type, given: Iterable[type]) -> dict[str, Any]:
     """Return annotations; what is given may be imported for type checkers alone where the class is."""
-    return typing.get_type_hints(kind, localns={one.__name__: one for one in given})
+    return typing.get_type_hints(kind, localns={other.__name__: other for other in given})
