@@ -82,10 +82,6 @@ def quantities(
     """
     chainage = table["chainage_m"].to_numpy(dtype=np.float64)
     step = step_of(chainage)
-
-    def column(name: str) -> Array | None:
-        return table[name].to_numpy(dtype=np.float64) if name in table else None
-
     if limit.parameter in ("level", "alignment"):
         try:
             return _offsets(table, limit, chainage, step, lengths)
@@ -94,33 +90,15 @@ def quantities(
     if limit.parameter == "runoff":
         return "where the track was raised is not in a geometry table"
     if limit.parameter in ("gauge_wide", "gauge_narrow", "gauge_change"):
-        gauge = column("gauge_mm")
-        if gauge is None:
-            return "needs the column gauge_mm"
-        if limit.parameter == "gauge_change":
-            return [JudgedQuantity("gauge_mm", chainage, _range_within(gauge, step, _base_of(limit)))]
-        if gauge_m is None:
-            return "needs the nominal gauge"
-        wide = gauge - 1000.0 * gauge_m
-        value = wide if limit.parameter == "gauge_wide" else -wide
-        return [JudgedQuantity("gauge_mm", chainage, value, column("gauge_mm_sd"), one_sided=True)]
-    twist = column("twist_mm")
+        return _gauge(table, limit, chainage, step, gauge_m)
+    twist = _column(table, "twist_mm")
     if limit.parameter == "twist" and limit.base_m == lengths.twist_base_m and twist is not None:
-        return [JudgedQuantity("twist_mm", chainage, twist, column("twist_mm_sd"))]
-    cross_level, sd = column("cross_level_mm"), column("cross_level_mm_sd")
+        return [JudgedQuantity("twist_mm", chainage, twist, _column(table, "twist_mm_sd"))]
+    cross_level = _column(table, "cross_level_mm")
     if cross_level is None:
         return "needs the column cross_level_mm"
-    if limit.parameter in ("elevation", "reverse_cross_level"):
-        inner_above = cross_level * curved_to_left
-        value = inner_above if limit.parameter == "reverse_cross_level" else -inner_above
-        return [JudgedQuantity("cross_level_mm", chainage, value, sd, one_sided=True)]
-    if limit.parameter == "cross_level":
-        cant = column("cant_mm")
-        if cant is not None:
-            return [JudgedQuantity("cross_level_mm", chainage, cross_level - cant, sd)]
-        if limit.track == "tangent":
-            return [JudgedQuantity("cross_level_mm", chainage, cross_level, sd)]
-        return "needs the column cant_mm, the design's cross-level"
+    if limit.parameter in ("elevation", "reverse_cross_level", "cross_level"):
+        return _cross_level(table, limit, chainage, cross_level, curved_to_left)
     if limit.parameter == "warp":
         return [JudgedQuantity("cross_level_mm", chainage, _range_within(cross_level, step, _base_of(limit)))]
     try:
@@ -128,6 +106,43 @@ def quantities(
     except BadInputError as error:
         return str(error)
     return [JudgedQuantity("cross_level_mm", chainage, value)]
+
+
+def _column(table: pd.DataFrame, name: str) -> Array | None:
+    return table[name].to_numpy(dtype=np.float64) if name in table else None
+
+
+def _gauge(
+    table: pd.DataFrame, limit: Limit, chainage: Array, step: float, gauge_m: float | None
+) -> list[JudgedQuantity] | str:
+    """Return what a limit of the gauge applies to: its change, or how much wider or narrower than nominal it is."""
+    gauge = _column(table, "gauge_mm")
+    if gauge is None:
+        return "needs the column gauge_mm"
+    if limit.parameter == "gauge_change":
+        return [JudgedQuantity("gauge_mm", chainage, _range_within(gauge, step, _base_of(limit)))]
+    if gauge_m is None:
+        return "needs the nominal gauge"
+    wide = gauge - 1000.0 * gauge_m
+    value = wide if limit.parameter == "gauge_wide" else -wide
+    return [JudgedQuantity("gauge_mm", chainage, value, _column(table, "gauge_mm_sd"), one_sided=True)]
+
+
+def _cross_level(
+    table: pd.DataFrame, limit: Limit, chainage: Array, cross_level: Array, curved_to_left: Array
+) -> list[JudgedQuantity] | str:
+    """Return what a limit of the cross-level itself applies to: in curves its sense, else its deviation from design."""
+    sd = _column(table, "cross_level_mm_sd")
+    if limit.parameter in ("elevation", "reverse_cross_level"):
+        inner_above = cross_level * curved_to_left
+        value = inner_above if limit.parameter == "reverse_cross_level" else -inner_above
+        return [JudgedQuantity("cross_level_mm", chainage, value, sd, one_sided=True)]
+    cant = _column(table, "cant_mm")
+    if cant is not None:
+        return [JudgedQuantity("cross_level_mm", chainage, cross_level - cant, sd)]
+    if limit.track == "tangent":
+        return [JudgedQuantity("cross_level_mm", chainage, cross_level, sd)]
+    return "needs the column cant_mm, the design's cross-level"
 
 
 def _base_of(limit: Limit) -> float:

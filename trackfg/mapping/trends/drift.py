@@ -88,18 +88,8 @@ def drift(t: Array, y: Array, sd: Array, *, threshold: Array | float, offsets: A
     alike = y if steps_from == 2 else y - np.einsum("nmk,mk->nm", offsets, _solved(X, weight, y)[0][:, 2:steps_from])
     scale = _local_scale(t, alike, weight)
     threshold = np.broadcast_to(np.asarray(threshold, dtype=np.float64), y.shape)
-    first = np.full((MOST_SUDDEN, y.shape[1]), -1)
-    outliers = np.zeros(y.shape, dtype=bool)
-    for number in range(MOST_SUDDEN):
-        run, gain, is_step = _most_sudden(X, weight, y, threshold)
-        sudden = gain > scale**2
-        steps, places = np.where(sudden & is_step, run, -1), np.flatnonzero(sudden & ~is_step)
-        X[..., steps_from + number] = (np.arange(t.size)[:, None] >= steps) & (steps >= 0)
-        first[number] = steps
-        outliers[run[places], places] = True
-        weight = np.where(outliers, 0.0, weight)
-        if not sudden.any():
-            break
+    first, outliers = _take_in_steps(X, weight, y, threshold, scale)
+    weight = np.where(outliers, 0.0, weight)
     solution, covariance = _solved(X, weight, y)
     scale, of_place = _scales(X, weight, y, solution)
     sd_of = of_place[:, None] * np.sqrt(np.maximum(np.diagonal(covariance, axis1=1, axis2=2), 0.0))
@@ -125,6 +115,28 @@ def drift(t: Array, y: Array, sd: Array, *, threshold: Array | float, offsets: A
         scale=scale,
         runs=known.sum(axis=0),
     )
+
+
+def _take_in_steps(
+    X: Array, weight: Array, y: Array, threshold: Array, scale: Array | float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Take the most sudden steps and outliers one after the other, the steps into the last columns of ``X`` (n, m, p).
+
+    Return after which run each step of each place is, (:data:`MOST_SUDDEN`, m), -1 for none, and the outliers (n, m).
+    """
+    first = np.full((MOST_SUDDEN, y.shape[1]), -1)
+    outliers = np.zeros(y.shape, dtype=bool)
+    for number in range(MOST_SUDDEN):
+        run, gain, is_step = _most_sudden(X, weight, y, threshold)
+        sudden = gain > scale**2
+        steps, places = np.where(sudden & is_step, run, -1), np.flatnonzero(sudden & ~is_step)
+        X[..., number - MOST_SUDDEN] = (np.arange(len(y))[:, None] >= steps) & (steps >= 0)
+        first[number] = steps
+        outliers[run[places], places] = True
+        weight = np.where(outliers, 0.0, weight)
+        if not sudden.any():
+            break
+    return first, outliers
 
 
 def reached(d: Drift, limit: float, sigmas: float = 2.0) -> tuple[Array, Array, Array]:
