@@ -185,7 +185,7 @@ class Family(Outlined):
 
     def shifted(self, by: int) -> Family:
         """Return the same factors on the keyframes that are ``by`` later."""
-        if not by:
+        if not by or not len(self):
             return self
         slots = tuple(slot if slot.kind.shared else Slot(slot.kind, slot.index + by) for slot in self.slots)
         return self._with(slots=slots)

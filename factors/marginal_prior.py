@@ -170,9 +170,9 @@ def marginal_prior(rows: Array, origin: States) -> Family:
     """
     if not np.isfinite(rows).all():
         raise ValueError("rows of a marginal prior must be finite")
-    nav, A, b = origin.nav, np.ascontiguousarray(rows[:, :-1]), np.ascontiguousarray(rows[:, -1])
-    others = {kind.attribute: vectors(origin.of(kind)) for kind in _OTHERS}
-    data = {"R": nav.R, "p": nav.p, "v": nav.v, **others, "sensor": origin.sensor[None], "A": A[None], "b": b[None]}
+    A, b = np.ascontiguousarray(rows[:, :-1]), np.ascontiguousarray(rows[:, -1])
+    data = dict(zip(_ORIGINS, origin.arrays, strict=True))
+    data |= {"sensor": origin.sensor[None], "A": A[None], "b": b[None]}
     sensors = tuple(Slot(Kind.SENSOR, j) for j in np.arange(len(origin.sensor))[:, None])
     return Family.sound(FactorType.MARGINAL_PRIOR, _marginal, (*_SLOTS, *sensors), data, np.ones((1, len(rows))))
 

@@ -22,8 +22,9 @@ def float_table(columns: Mapping[str, Array]) -> pd.DataFrame:
 
 def columns_of(table: pd.DataFrame) -> dict[str, NDArray[Any]]:
     """Return the columns as arrays: together where all are alike, ten times as fast as one by one."""
-    if all(kind == np.float64 for kind in table.dtypes):
-        return dict(zip(map(str, table.columns), table.to_numpy().T, strict=True))
+    # Lists: iterating over a column or an index of pandas takes longer than all else.
+    if all(kind == np.float64 for kind in table.dtypes.tolist()):
+        return dict(zip(map(str, table.columns.tolist()), table.to_numpy().T, strict=True))
     return {str(name): column.to_numpy() for name, column in table.items()}
 
 

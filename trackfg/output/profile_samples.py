@@ -23,6 +23,7 @@ from trackfg.numerics.arrays import Array
 from trackfg.numerics.hermite import hermite_weights
 from trackfg.numerics.rotations import cross
 from trackfg.numerics.sums_of_rows import add_up_rows, add_weighted_rows
+from trackfg.solver.covariance import Normals
 
 _BEAM_MODES = np.array([4.730040744862704, 7.853204624095838, 10.995607838001671])
 
@@ -78,10 +79,10 @@ class PosteriorErrors:
     nav: Array
     point: Array
     beam: Array
-    rng: np.random.Generator
+    rng: Normals
 
     @classmethod
-    def of(cls, states: States, drawn: tuple[Array, Array], rng: np.random.Generator) -> PosteriorErrors:
+    def of(cls, states: States, drawn: tuple[Array, Array], rng: Normals) -> PosteriorErrors:
         """Turn samples of the tangents of keyframes (n, KEYFRAME_DIM, count) and of shared variables (s, count), as
         ``drawn`` together, into errors in n.
         """

@@ -28,6 +28,7 @@ from trackfg.graph.run_context import RunContext
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.blas_threads import ThreadBeside
 from trackfg.numerics.float_table import float_table
+from trackfg.output.normal_draws import NormalDraws
 from trackfg.output.profile_samples import PointErrors, PosteriorErrors, Shifts
 from trackfg.output.profiles import Profile, Shapes, View
 from trackfg.output.trajectory import keyframe_variances
@@ -80,7 +81,7 @@ def geometry_table(
     names = [*GEOMETRY_COLUMNS, *(RAIL_COLUMNS if with_rails else ())]
     if not passes:
         return pd.DataFrame(columns=names, dtype=np.float64)
-    rng = np.random.default_rng(0)
+    rng = NormalDraws()
     errors = PosteriorErrors.of(states, posterior_samples(root, _SAMPLES, rng), rng)
     variance = keyframe_variances(states, covariance, run.lever_arm, run.mount_roll_sd)
     tables: list[pd.DataFrame] = []

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
@@ -226,7 +226,14 @@ def posterior_covariance(root: SquareRoot, later: Covariance | None = None) -> C
     return Covariance(of_keyframes, later.of_shared, np.concatenate([cross, later.cross]))
 
 
-def posterior_samples(root: SquareRoot, count: int, rng: np.random.Generator) -> tuple[Array, Array]:
+class Normals(Protocol):
+    """A source of standard normal numbers, as generators of numpy are."""
+
+    def standard_normal(self, size: tuple[int, ...]) -> Array:
+        """Return the next numbers."""
+
+
+def posterior_samples(root: SquareRoot, count: int, rng: Normals) -> tuple[Array, Array]:
     """Return tangents of all variables together, drawn from their joint posterior.
 
     Those of the keyframes (n, KEYFRAME_DIM, count), and of the shared variables (s, count).

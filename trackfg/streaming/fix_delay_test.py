@@ -32,8 +32,8 @@ class FixDelayTest:
         """Take the next rows of the trajectory, and the fixes of their time."""
         if not len(smoothed):
             return
-        rows = smoothed[["t_s", "speed_mps"]].to_numpy()
-        t, speed = np.concatenate([self.last[:, [0, 2]], rows]).T
+        rows = np.stack([smoothed["t_s"].to_numpy(), smoothed["speed_mps"].to_numpy()])
+        t, speed = np.concatenate([self.last[:, [0, 2]].T, rows], axis=1)
         way = (self.last[0, 1] if len(self.last) else 0.0) + trapezoid_integral(t, speed)
         self.last = np.array([[t[-1], way[-1], speed[-1]]])
         if fixes is None or not len(fixes):

@@ -41,6 +41,7 @@ class GrowableIntervals:
     gyro: GrowableArray
     accel: GrowableArray
     bridged: GrowableArray
+    _whole: Intervals | None = field(default=None, init=False, metadata=DERIVED)
 
     @classmethod
     def of(cls, data: Intervals) -> GrowableIntervals:
@@ -50,10 +51,13 @@ class GrowableIntervals:
     @property
     def intervals(self) -> Intervals:
         """All intervals so far."""
-        return Intervals(self.edges.rows, self.gyro.rows, self.accel.rows, self.bridged.rows)
+        if self._whole is None:  # asked for many times a keyframe
+            self._whole = Intervals(self.edges.rows, self.gyro.rows, self.accel.rows, self.bridged.rows)
+        return self._whole
 
     def append(self, later: Intervals) -> None:
         """Append intervals that begin where these end."""
+        self._whole = None
         self.edges.append(later.edges[1:])
         self.gyro.append(later.gyro)
         self.accel.append(later.accel)
