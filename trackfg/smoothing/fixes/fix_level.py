@@ -11,6 +11,15 @@ where the second part stands for n0 fixes whose declared sigmas are right.
 Errors that are smaller than v expects do not say which of its parts is too large: sensors that are better than declared
 predict better, too. So v is ``k^2 s^2`` alone for levels below 1: only fixes that are off by less than they declare,
 whatever predicts them, are better than that.
+
+What predicts a fix may err itself: an inertial sensor whose scales are ten times as far off as declared contradicts the
+wheel and every fix. Fixes that err do not lie on one line over the way that the wheel rolled, whatever its scale. With
+the sum Q of squares about that line, in declared sigmas, levels are as likely as
+
+    L(k) = -Q / (2 k^2) - (n - 2) log k,
+
+and a level is at most the largest that is within two sigmas of the likeliest. What the wheel errs by is in Q, too, so
+this bound is no smaller than that of the fixes alone.
 """
 
 from __future__ import annotations
@@ -48,3 +57,14 @@ def fix_level(error: Array, sigma: Array, predicted: Array) -> float:
     best = int(np.argmax(levels))
     certain = levels[best] - float(likelihood(np.zeros(1))[0]) > _SIGNIFICANT
     return float(np.exp(_LOG_LEVELS[best])) if certain else 1.0
+
+
+def most_by_wheel(place: Array, sigma: Array, rolled: Array) -> float:
+    """Return the largest k of fixes at ``place`` (n,), m, with declared sigmas (n,), m, where the wheel had ``rolled``
+    (n,), m.
+    """
+    about = rolled - rolled.mean()
+    line = np.stack([np.ones_like(about), about], axis=1) / sigma[:, None]
+    misfit = place / sigma - line @ (np.linalg.pinv(line) @ (place / sigma))
+    likely = -0.5 * float(misfit @ misfit) * np.exp(-2.0 * _LOG_LEVELS) - max(len(place) - 2, 0) * _LOG_LEVELS
+    return float(np.exp(_LOG_LEVELS[likely >= likely.max() - _SIGNIFICANT][-1]))

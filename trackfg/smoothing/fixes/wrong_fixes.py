@@ -20,7 +20,7 @@ from trackfg.graph.fix_consensus import WIDE_SHARE, Consensus, Passages, consens
 from trackfg.numerics.arrays import Array
 from trackfg.recording.findings import Finding
 from trackfg.results.verdict import Doubt
-from trackfg.smoothing.fixes.fix_level import fix_level
+from trackfg.smoothing.fixes.fix_level import fix_level, most_by_wheel
 from trackfg.smoothing.reassessment import Reassessment, SolvedRun, others_are_worse
 from trackfg.solver.leave_one_out import left_out
 
@@ -77,7 +77,11 @@ def wrong_fixes(run: SolvedRun) -> Reassessment:
     old_level = _level(run)
     prediction = left_out(fixes, states, run.covariance)
     predicted = prediction.covariance[:, 0, 0]
-    level = fix_level(prediction.error[:, 0], fixes.sigma[:, 0] / old_level, predicted)
+    declared_sd = fixes.sigma[:, 0] / old_level
+    level = fix_level(prediction.error[:, 0], declared_sd, predicted)
+    if problem.wheel is not None:
+        rolled = run.declared.initial.odo.distance[fixes.slots[0].index]
+        level = min(level, most_by_wheel(fixes.data["distance"][:, 0], declared_sd, rolled))
     if abs(np.log(level / old_level)) < _SETTLED or others_are_worse(run.noise_ratios, level):
         level = old_level
     rescaled = fixes.with_sigma(fixes.sigma * (level / old_level))

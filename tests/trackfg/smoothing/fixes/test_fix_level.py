@@ -7,10 +7,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from trackfg.config import SmoothConfig
 from trackfg.datasets.scenarios import scenario, simulate
 from trackfg.datasets.sensors.positioning import BaliseModel
-from trackfg.smoothing.fixes.fix_level import fix_level
-from trackfg.smoothing.smoother import smooth
+from trackfg.factors.factor_type import FactorType
+from trackfg.sensors.tach import Wheel
+from trackfg.smoothing.fixes.fix_level import fix_level, most_by_wheel
+from trackfg.smoothing.fixes.wrong_fixes import wrong_fixes
+from trackfg.smoothing.smoother import smooth, smooth_states
 
 
 @pytest.mark.parametrize("actual", [1.0, 5.0, 20.0])
@@ -60,3 +64,32 @@ def test_fixes_that_scatter_more_than_declared_get_the_sigmas_they_deserve() -> 
     assert (off.abs() < 0.5 * declared.trajectory["chainage_m_sd"]).all()
     ratio = result.trajectory["chainage_m_sd"] / declared.trajectory["chainage_m_sd"]
     assert 0.5 < ratio.median() < 2.0
+
+
+def test_fixes_that_lie_on_a_line_over_the_wheels_way_do_not_err_by_more() -> None:
+    """Whatever the wheel's scale. Fixes that err by 5 times what they declare show it; two always lie on a line."""
+    rng = np.random.default_rng(1)
+    rolled, sigma = np.linspace(0.0, 6000.0, 12), np.full(12, 0.2)
+    error = 0.2 * rng.standard_normal(12)
+    assert most_by_wheel(1.007 * rolled + 100.0 + error, sigma, rolled) < 2.0
+    assert 4.0 < most_by_wheel(1.007 * rolled + 100.0 + 5.0 * error, sigma, rolled) < 10.0
+    assert most_by_wheel(1.007 * rolled[:2], sigma[:2], rolled[:2]) > 900.0
+
+
+def test_fixes_that_agree_with_the_wheel_do_not_err_because_their_predictions_do(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """As of an inertial sensor whose scales are far worse than declared."""
+    run = simulate(replace(scenario("mainline"), balises=BaliseModel(400.0, 0.3)), seed=1, duration_s=200.0)
+    solved = smooth_states(run.recording, SmoothConfig())
+    monkeypatch.setattr("trackfg.smoothing.fixes.wrong_fixes.fix_level", lambda *_: 30.0)
+
+    def level(wheel: Wheel | None) -> float:
+        after = wrong_fixes(replace(solved, problem=replace(solved.problem, wheel=wheel))).problem
+        before, now = (one.family(FactorType.ABSOLUTE_FIX) for one in (solved.declared, after))
+        assert before is not None
+        assert now is not None
+        return float(np.median(now.sigma) / np.median(before.sigma))
+
+    assert level(solved.problem.wheel) < 2.0
+    assert level(None) == pytest.approx(30.0)
