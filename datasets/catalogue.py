@@ -56,7 +56,7 @@ def scenarios() -> dict[str, Scenario]:
 
 
 def scenario(name: str) -> Scenario:
-    """The scenario of that name. Raises :class:`~trackfg.errors.BadInputError` that lists the names there are."""
+    """Return the scenario of that name. Raises :class:`~trackfg.errors.BadInputError` with the names there are."""
     catalogue = scenarios()
     if name not in catalogue:
         raise BadInputError(f"scenario {name!r}: {expected_one_of(catalogue, name)}")
@@ -215,7 +215,7 @@ def _all() -> list[Scenario]:
 
 
 def _in_the_field(mainline: Scenario) -> Scenario:
-    """What recorders and receivers do to data outside a laboratory. All figures are assumed."""
+    """Return a scenario with what recorders and receivers do to data outside a laboratory. All figures are assumed."""
     return replace(
         mainline,
         **_named("mainline-field"),
@@ -239,7 +239,7 @@ def _in_the_field(mainline: Scenario) -> Scenario:
 
 
 def _axle_box() -> Scenario:
-    """A slow run through sharp, twisted curves, as in the patent on an axle-box sensor (JP7628028B2)."""
+    """Return a slow run through sharp, twisted curves, as in the patent on an axle-box sensor (JP7628028B2)."""
     return Scenario(
         **_named("axle-box"),
         duration_s=300.0,
@@ -270,7 +270,7 @@ def _axle_box() -> Scenario:
 
 
 def _measuring_cars() -> list[Scenario]:
-    """Two units of lasers on a car body, as in Suto, Tsubokawa and Yoshida (2020)."""
+    """Return scenarios of two units of lasers on a car body, as in Suto, Tsubokawa and Yoshida (2020)."""
     steady = Scenario(
         **_named("measuring-car-b"),
         duration_s=1200.0,
@@ -297,7 +297,9 @@ def _measuring_cars() -> list[Scenario]:
 
 
 def _slippery_lines() -> list[Scenario]:
-    """A local train on wet rails, as in Iwata et al. on composite train positioning: 44 slips and slides in 18 runs."""
+    """Return scenarios of a local train on wet rails, as in Iwata et al. on composite train positioning: 44 slips and
+    slides in 18 runs.
+    """
     wet = Scenario(
         **_named("slippery-line"),
         duration_s=1200.0,
@@ -334,7 +336,7 @@ def _slippery_lines() -> list[Scenario]:
 
 
 def _shuttle() -> Scenario:
-    """One line, many runs, odd ones back: for repeatability and for maps."""
+    """Return the scenario of one line, many runs, odd ones back: for repeatability and for maps."""
     length_m = 8000.0
     return Scenario(
         **_named("shuttle"),
@@ -358,8 +360,8 @@ def _shuttle() -> Scenario:
 
 
 def _rough_ride(mainline: Scenario) -> Scenario:
-    """Realistic amounts of everything that a description does not mention. The sources are those of the effects
-    (:mod:`trackfg.datasets.effects.catalogue`).
+    """Return the scenario with realistic amounts of everything that a description does not mention. The sources are
+    those of the effects (:mod:`trackfg.datasets.effects.catalogue`).
     """
     return replace(
         mainline,

@@ -62,7 +62,7 @@ def measure(
     sensor_id: str | None,
     streams: Streams | None,
 ) -> Measurement:
-    """The recording of a ride over ``track``, perfect without ``streams``, from t = 0 to the last of ``edges``.
+    """Return the recording of a ride over ``track``, perfect without ``streams``, from t = 0 to the last of ``edges``.
 
     ``edges`` (n + 1,) are those of the IMU's intervals. ``name`` is the recording's, ``sensor_id`` the IMU's in its
     mounting.
@@ -128,7 +128,7 @@ def measure(
 def _positions(
     plan: Scenario, ride: Ride, duration_s: float, streams: Streams | None
 ) -> tuple[pd.DataFrame | None, pd.DataFrame | None]:
-    """The tables of balises and of GNSS; a run that passes no balise has no table of them."""
+    """Return the tables of balises and of GNSS; a run that passes no balise has no table of them."""
     balise_rng, gnss_rng = (None, None) if streams is None else (streams.run["balises"], streams.run["gnss"])
     fixes = None if plan.balises is None else positioning.balise_table(ride, plan.balises, duration_s, balise_rng)
     gnss = None if plan.gnss is None else positioning.gnss_table(ride, plan.gnss, duration_s, gnss_rng)
@@ -136,7 +136,7 @@ def _positions(
 
 
 def _further(plan: Scenario, ride: Ride, duration_s: float, streams: Streams | None) -> dict[str, list[Measured]]:
-    """What the further sensors measure, by their key."""
+    """Return what the further sensors measure, by their key."""
     sensors = plan.further_sensors
     rngs = [None] * len(sensors) if streams is None else streams.run["further"].spawn(len(sensors))
     measured: dict[str, list[Measured]] = {}
@@ -146,7 +146,7 @@ def _further(plan: Scenario, ride: Ride, duration_s: float, streams: Streams | N
 
 
 def _recorded(plan: Scenario, recording: Recording, rng: np.random.Generator) -> Recording:
-    """The recording as its recorders stamp and keep the rows."""
+    """Return the recording as its recorders stamp and keep the rows."""
     seeds: dict[TableName, int] = dict(
         zip(get_args(TableName), rng.integers(2**63, size=len(get_args(TableName))).tolist(), strict=True)
     )

@@ -117,7 +117,7 @@ class Scenario(KeyFigures):
         return plan
 
     def on(self, given: GivenLine) -> Scenario:
-        """The same on a given line, whose gauge, base of the cross-level, chainage and heading come with it.
+        """Return the same on a given line, whose gauge, base of the cross-level, chainage and heading come with it.
 
         Irregularities come along; defects and balises at places of the old line do not: balises come at their spacing.
         """

@@ -24,38 +24,38 @@ TRAJECTORY_COLUMNS = ("t_s", "east_m", "north_m", "up_m", "speed_mps", "roll_rad
 
 
 def clock(duration_s: float, rate_hz: float) -> Array:
-    """Times from 0, ``rate_hz`` a second, not beyond ``duration_s``. Shape (n,)."""
+    """Return times from 0, ``rate_hz`` a second, not beyond ``duration_s``. Shape (n,)."""
     return np.arange(int(duration_s * rate_hz * (1.0 + 1e-12)) + 1) / rate_hz
 
 
 def table(names: tuple[str, ...], *columns: Array) -> pd.DataFrame:
-    """The table with these columns, (n,) each."""
+    """Return the table with these columns, (n,) each."""
     return pd.DataFrame(dict(zip(names, columns, strict=True)))
 
 
 def imu_table(t_s: Array, gyro: Array, accel: Array) -> pd.DataFrame:
-    """The ``imu`` table from interval centres (n,), angular rates and specific forces (n, 3), FLU, SI."""
+    """Return the ``imu`` table from interval centres (n,), angular rates and specific forces (n, 3), FLU, SI."""
     return table(IMU_COLUMNS, t_s, *gyro.T, *accel.T)
 
 
 def tach_table(t_s: Array, distance_m: Array) -> pd.DataFrame:
-    """The ``tach`` table from times (n,) and cumulative nominal distances (n,)."""
+    """Return the ``tach`` table from times (n,) and cumulative nominal distances (n,)."""
     return table(TACH_COLUMNS, t_s, distance_m)
 
 
 def integrated_speed(t_s: Array, speed_mps: Array) -> Array:
-    """The distance (n,) that a speed tach stands for, by the trapezoid rule, 0 at the first sample."""
+    """Return the distance (n,) that a speed tach stands for, by the trapezoid rule, 0 at the first sample."""
     steps = np.diff(t_s) * 0.5 * (speed_mps[1:] + speed_mps[:-1])
     return np.concatenate([[0.0], np.cumsum(steps)])
 
 
 def gnss_table(t_s: Array, enu_m: Array, sd_m: Array) -> pd.DataFrame:
-    """The ``gnss`` table from times (n,), east-north-up positions (n, 3) and their sigmas, (3,) or (n, 3)."""
+    """Return the ``gnss`` table from times (n,), east-north-up positions (n, 3) and their sigmas, (3,) or (n, 3)."""
     return table(GNSS_COLUMNS, t_s, *enu_m.T, *np.broadcast_to(sd_m, enu_m.shape).T)
 
 
 def trajectory_table(t_s: Array, enu_m: Array, speed_mps: Array, rpy_rad: Array) -> pd.DataFrame:
-    """A reference trajectory, columns :data:`TRAJECTORY_COLUMNS`; yaw is unwrapped along the rows."""
+    """Return a reference trajectory, columns :data:`TRAJECTORY_COLUMNS`; yaw is unwrapped along the rows."""
     roll, pitch, yaw = rpy_rad.T
     return table(TRAJECTORY_COLUMNS, t_s, *enu_m.T, speed_mps, roll, pitch, np.unwrap(yaw))
 
@@ -68,7 +68,7 @@ def imu_description(
     mount_roll_sd_rad: float = 0.0,
     sensor_id: str | None = None,
 ) -> Imu:
-    """What ``recording.toml`` says of a canonical ``imu`` table; ``sensor_id`` names the sensor in its mounting."""
+    """Return what ``recording.toml`` says of a canonical ``imu`` table; ``sensor_id``: that of sensor and mounting."""
     _, wx, wy, wz, fx, fy, fz = IMU_COLUMNS
     return Imu(
         file="imu.parquet",
@@ -84,7 +84,7 @@ def imu_description(
 
 
 def gnss_description(origin: Array | None = None, lever_arm_m: Vector3 = (0.0, 0.0, 0.0)) -> Gnss:
-    """What ``recording.toml`` says of a canonical ``gnss`` table, ENU about ``origin`` if that is known."""
+    """Return what ``recording.toml`` says of a canonical ``gnss`` table, ENU about ``origin`` if that is known."""
     time, east, north, up, east_sd, north_sd, up_sd = GNSS_COLUMNS
     return Gnss(
         file="gnss.parquet",
@@ -98,17 +98,17 @@ def gnss_description(origin: Array | None = None, lever_arm_m: Vector3 = (0.0, 0
 
 
 def gnss_speeds(t_s: Array, speed_mps: Array, sd_mps: float = RECEIVER_SPEED_SD_MPS) -> dict[str, pd.DataFrame]:
-    """The ``gnss_speed`` table by its name, from times and speeds (n,), all with one sigma."""
+    """Return the ``gnss_speed`` table by its name, from times and speeds (n,), all with one sigma."""
     return {GNSS_SPEED_TABLE: table(GNSS_SPEED_COLUMNS, t_s, speed_mps, np.full(len(t_s), sd_mps))}
 
 
 def gnss_speed_description() -> GnssSpeed:
-    """What ``recording.toml`` says of a canonical ``gnss_speed`` table."""
+    """Return what ``recording.toml`` says of a canonical ``gnss_speed`` table."""
     time, speed, sd = GNSS_SPEED_COLUMNS
     return GnssSpeed(file="gnss_speed.parquet", time=time, column=speed, sd=sd)
 
 
 def fixes_description() -> Fixes:
-    """What ``recording.toml`` says of a canonical ``fixes`` table."""
+    """Return what ``recording.toml`` says of a canonical ``fixes`` table."""
     time, chainage, sd = FIX_COLUMNS
     return Fixes(file="fixes.parquet", time=time, chainage=chainage, sd=sd)

@@ -219,7 +219,7 @@ class NoiseConfig(_Section):
     """Factor on the sigmas of GNSS positions [1]."""
 
     def factors(self) -> dict[str, float]:
-        """The factor of each group."""
+        """Return the factor of each group."""
         return {name: getattr(self, name) for name in ("gyro", "accel", "motion", "path", "tach", "gnss")}
 
 

@@ -9,7 +9,7 @@ from typing import Any
 
 
 def lazy_imports(package: str, home: Mapping[str, str]) -> Callable[[str], Any]:
-    """The ``__getattr__`` of ``package``: ``home`` maps each name to its module."""
+    """Return the ``__getattr__`` of ``package``: ``home`` maps each name to its module."""
 
     def getattr_of_package(name: str) -> Any:
         if name not in home:

@@ -40,7 +40,7 @@ class DropModel:
 
 
 def stamped(table: pd.DataFrame, clock: ClockModel, rng: np.random.Generator) -> pd.DataFrame:
-    """The table with ``t_s``, strictly increasing before and after, as the clock stamps it."""
+    """Return the table with ``t_s``, strictly increasing before and after, as the clock stamps it."""
     t = table["t_s"].to_numpy()
     stamps = t - (clock.offset_s + clock.drift * t)
     if clock.jitter_sd_s and len(t):
@@ -51,7 +51,7 @@ def stamped(table: pd.DataFrame, clock: ClockModel, rng: np.random.Generator) ->
 
 
 def dropped(table: pd.DataFrame, drops: DropModel, rng: np.random.Generator) -> pd.DataFrame:
-    """The table without the rows that got lost; bursts are on the clock of ``t_s``, from 0."""
+    """Return the table without the rows that got lost; bursts are on the clock of ``t_s``, from 0."""
     single_rng, burst_rng = rng.spawn(2)
     t = table["t_s"].to_numpy()
     kept = single_rng.random(len(t)) >= drops.probability

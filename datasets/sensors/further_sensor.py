@@ -29,4 +29,4 @@ class FurtherSensor(Protocol):
         """The key of its format (:class:`trackfg.io.formats.sensor_format.SensorFormat`)."""
 
     def measured(self, ride: Ride, duration_s: float, rng: np.random.Generator | None) -> Measured:
-        """What it records of a ride until ``duration_s``; exact with no ``rng``."""
+        """Return what it records of a ride until ``duration_s``; exact with no ``rng``."""

@@ -101,7 +101,7 @@ class ImuErrors:
 def draw_errors(
     model: ImuModel, edges: Array, rng: np.random.Generator, kept_rng: np.random.Generator | None = None
 ) -> ImuErrors:
-    """Errors for the samples between ``edges``.
+    """Return errors for the samples between ``edges``.
 
     ``kept_rng`` is the stream of what the IMU keeps from run to run: mounting, ``M_g``, ``M_a`` and ``G``. Without one
     they are the run's own.
@@ -133,7 +133,7 @@ def draw_errors(
 
 
 def apply_errors(gyro: Array, accel: Array, errors: ImuErrors) -> tuple[Array, Array]:
-    """The samples (n, 3) that the IMU delivers for the true ones (n, 3)."""
+    """Return the samples (n, 3) that the IMU delivers for the true ones (n, 3)."""
     R_vs = rotations.matrix_from_rpy(*(np.array(angle) for angle in errors.mount_rpy_rad))
     felt_gyro = gyro @ (R_vs @ errors.gyro_matrix.T) + errors.gyro_bias + errors.gyro_noise
     if errors.g_sensitivity.any():

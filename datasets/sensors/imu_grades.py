@@ -32,7 +32,7 @@ class ImuGrade:
     response: ImuResponse
 
     def imu(self, rate_hz: float) -> ImuModel:
-        """A sensor of this grade at the reference point."""
+        """Return a sensor of this grade at the reference point."""
         return ImuModel(rate_hz=rate_hz, noise=self.noise, response=self.response)
 
 

@@ -29,7 +29,7 @@ _GAUSS = 0.5 / np.sqrt(3.0)
 def ideal_samples(
     ride: Ride, edges: Array, latitude_deg: float | None, lever_arm_m: Vector3 = (0.0, 0.0, 0.0)
 ) -> tuple[Array, Array]:
-    """Noise-free angular rates and specific forces (n, 3) over the intervals between ``edges`` (n + 1,)."""
+    """Return noise-free angular rates and specific forces (n, 3) over the intervals between ``edges`` (n + 1,)."""
     kinks = ride.kinks_s()
     parts = [
         _ideal_chunk(ride, edges[start : start + _CHUNK + 1], kinks, latitude_deg, np.array(lever_arm_m))
@@ -40,7 +40,9 @@ def ideal_samples(
 
 
 def gravity(latitude_deg: float | None) -> float:
-    """What the world uses for gravity, m/s^2: the ellipsoid's at the latitude, the standard one without a latitude."""
+    """Return what the world uses for gravity, m/s^2: the ellipsoid's at the latitude, the standard one without a
+    latitude.
+    """
     return units.STANDARD_GRAVITY if latitude_deg is None else geodesy.normal_gravity(latitude_deg)
 
 
@@ -72,7 +74,7 @@ def _ideal_chunk(
 
 
 def _specific_force(moment: Kinematics, g: float, earth: Array, lever_arm: Array) -> Array:
-    """Specific force at the lever arm less ``omega' x r``, body axes. Shape (n, 3)."""
+    """Return the specific force at the lever arm less ``omega' x r``, body axes. Shape (n, 3)."""
     c, s = np.cos(moment.heading), np.sin(moment.heading)
     earth_level = np.column_stack([c * earth[0] + s * earth[1], c * earth[1] - s * earth[0], np.full_like(c, earth[2])])
     coriolis = 2.0 * earth_level + geodesy.transport_rate(moment.velocity)
@@ -86,7 +88,7 @@ def _specific_force(moment: Kinematics, g: float, earth: Array, lever_arm: Array
 
 
 def _knocks(ride: Ride, edges: Array) -> Array:
-    """What jumps of the velocity add to the means, body axes. Shape (n, 3)."""
+    """Return what jumps of the velocity add to the means, body axes. Shape (n, 3)."""
     knocks = np.zeros((len(edges) - 1, 3))
     times, jumps = ride.velocity_jumps()
     during = (times > edges[0]) & (times < edges[-1])

@@ -97,7 +97,7 @@ _AXES: tuple[Literal["z", "y"], ...] = ("z", "y")
 def laser_tables(
     ride: Ride, track: SimulatedTrack, models: Sequence[LaserModel], duration_s: float, rng: np.random.Generator | None
 ) -> dict[str, pd.DataFrame]:
-    """The canonical table of each sensor, by name, until ``duration_s``; exact with no ``rng``.
+    """Return the canonical table of each sensor, by name, until ``duration_s``; exact with no ``rng``.
 
     ``ride`` is on ``track.line``. Sensors of one rate share their times, so that they can share a file.
     """
@@ -116,7 +116,7 @@ def laser_tables(
 
 
 def laser_description(model: LaserModel) -> Laser:
-    """What ``recording.toml`` says of a sensor. The offset is for the user to find."""
+    """Return what ``recording.toml`` says of a sensor. The offset is for the user to find."""
     time, displacement = LASER_COLUMNS
     return Laser(
         name=model.name,
@@ -162,14 +162,14 @@ class _Rails:
         return cls(float(places[0]), dict(zip(pairs, points, strict=True)))
 
     def around(self, model: LaserModel, s: Array) -> tuple[Array, Array]:
-        """The four points around each place, (3, 4, n), and where between the middle two it is, 0 to 1."""
+        """Return the four points around each place, (3, 4, n), and where between the middle two it is, 0 to 1."""
         steps = (s - self.start_m) / STEP_M
         second = np.floor(steps).astype(np.int64)
         return self.points[model.rail, model.line][:, second + _FOUR], steps - second
 
 
 def _displacements(ride: Ride, rails: _Rails, models: Sequence[LaserModel], t: Array) -> Array:
-    """Exact displacements at times (n,), one row per sensor."""
+    """Return exact displacements at times (n,), one row per sensor."""
     s = ride.motion.distance(t)
     place = (ride.position(t) + ride.origin).T
     # By body axis and then component, (3, 3, n): the columns of R.

@@ -105,24 +105,24 @@ def measured_wheel(
 
 
 def draw_scale(model: TachModel, rng: np.random.Generator) -> float:
-    """The wheel scale of a run at its start: true distance over nominal distance."""
+    """Return the wheel scale of a run at its start: true distance over nominal distance."""
     return float(1.0 + model.scale_sd * rng.standard_normal())
 
 
 def worn_scale(ride: Ride, model: TachModel, scale: float, t: Array) -> Array:
-    """The wheel scale at times ``t``, from that at the start. Shape (n,)."""
+    """Return the wheel scale at times ``t``, from that at the start. Shape (n,)."""
     return np.asarray(scale / (1.0 + 1e-5 * model.wear_per_100km * ride.motion.path(t)))
 
 
 def rolled_distance(ride: Ride, model: TachModel, t: Array, slip: Slip | None = None) -> Array:
-    """The distance ``D`` that the tachometer sees, from 0 at t = 0. Shape (n,)."""
+    """Return the distance ``D`` that the tachometer sees, from 0 at t = 0. Shape (n,)."""
     return _rolled(ride, model, slip)(t)
 
 
 def pulse_table(
     ride: Ride, model: TachModel, scale: float, duration_s: float, rng: np.random.Generator, slip: Slip | None = None
 ) -> pd.DataFrame:
-    """The canonical ``tach`` table of a pulse count (distances are whole multiples of the quantum).
+    """Return the canonical ``tach`` table of a pulse count (distances are whole multiples of the quantum).
 
     Stamped pulses have one row each, with the count after the pulse, and besides a row at the start and one at the end
     of the recording: at rest there are no others.
@@ -149,7 +149,7 @@ def pulse_table(
 
 
 def slip_table(ride: Ride, model: TachModel, slip: Slip) -> pd.DataFrame:
-    """The truth of the events: columns :data:`SLIP_COLUMNS`, one row each, on the true clock.
+    """Return the truth of the events: columns :data:`SLIP_COLUMNS`, one row each, on the true clock.
 
     ``distance_error_m`` is what the event adds to ``D``, creep below the limit included; ``peak_creep`` has its sign.
     """
@@ -164,14 +164,14 @@ def slip_table(ride: Ride, model: TachModel, slip: Slip) -> pd.DataFrame:
 
 
 def ideal_table(ride: Ride, model: TachModel, duration_s: float) -> pd.DataFrame:
-    """The canonical ``tach`` table of a perfect wheel: true distance, neither counted nor late."""
+    """Return the canonical ``tach`` table of a perfect wheel: true distance, neither counted nor late."""
     t = tables.clock(duration_s, model.rate_hz)
     perfect = ride.motion.distance(t) - ride.motion.distance(0.0) if model.signed else ride.motion.path(t)
     return tables.tach_table(t, perfect)
 
 
 def pulse_description(model: TachModel) -> Tach:
-    """What ``recording.toml`` says of a pulse count. The clock offset is for the user to find."""
+    """Return what ``recording.toml`` says of a pulse count. The clock offset is for the user to find."""
     return Tach(
         file="tach.parquet",
         time=TACH_COLUMNS[0],
@@ -185,7 +185,7 @@ def pulse_description(model: TachModel) -> Tach:
 
 
 def ideal_description(model: TachModel) -> Tach:
-    """What ``recording.toml`` says of :func:`ideal_table`."""
+    """Return what ``recording.toml`` says of :func:`ideal_table`."""
     return Tach(
         file="tach.parquet",
         time=TACH_COLUMNS[0],
@@ -198,12 +198,12 @@ def ideal_description(model: TachModel) -> Tach:
 
 
 def _speed(ride: Ride, model: TachModel) -> PPoly:
-    """What the wheel's speed is proportional to."""
+    """Return what the wheel's speed is proportional to."""
     return ride.motion.speed if model.signed else ride.motion.path.derivative()
 
 
 def _rolled(ride: Ride, model: TachModel, slip: Slip | None) -> Callable[[Array], Array]:
-    """``D`` as a function of time."""
+    """Return ``D`` as a function of time."""
     added: list[PPoly] = []
     if model.wear_per_100km:
         wear = PPoly(1e-5 * model.wear_per_100km * ride.motion.path.c, ride.motion.path.x)
@@ -227,7 +227,7 @@ def _rolled(ride: Ride, model: TachModel, slip: Slip | None) -> Callable[[Array]
 
 
 def _gained(of_place: Callable[[Array], Array], ride: Ride, model: TachModel, t: Array) -> Array:
-    """The integral of the derivative of ``of_place`` over the distance that the tachometer sees. Shape (n,)."""
+    """Return the integral of the derivative of ``of_place`` over the distance that the tachometer sees. Shape (n,)."""
     at_t = of_place(ride.motion.distance(t))
     breaks = ride.motion.breaks_s
     at_breaks = of_place(ride.motion.distance(breaks))
@@ -240,7 +240,7 @@ def _gained(of_place: Callable[[Array], Array], ride: Ride, model: TachModel, t:
 
 
 def _bent(curvature: PPoly) -> PPoly:
-    """The integral of the curvature's magnitude, rad, as a function of the place."""
+    """Return the integral of the curvature's magnitude, rad, as a function of the place."""
     zeros = curvature.roots(extrapolate=False)
     edges = np.union1d(curvature.x, zeros[np.isfinite(zeros)])
     pieces = restricted(curvature, edges)
@@ -249,7 +249,7 @@ def _bent(curvature: PPoly) -> PPoly:
 
 
 def _product(a: PPoly, b: PPoly) -> PPoly:
-    """``a b`` where both are defined."""
+    """Return ``a b`` where both are defined."""
     edges = np.union1d(a.x, b.x)
     edges = edges[(edges >= max(a.x[0], b.x[0])) & (edges <= min(a.x[-1], b.x[-1]))]
     left, right = restricted(a, edges), restricted(b, edges)
@@ -265,7 +265,7 @@ def _counted(pulses: Array, model: TachModel) -> Array:
 
 
 def _stamps(pulses: Callable[[Array], Array], edges: Array, model: TachModel) -> tuple[Array, Array]:
-    """Times of pulses and the count after each, with the first and the last of ``edges`` about them."""
+    """Return times of pulses and the count after each, with the first and the last of ``edges`` about them."""
     at_edges = pulses(edges)
     count = _counted(at_edges, model)
     steps = np.diff(count)
@@ -289,7 +289,7 @@ def _stamps(pulses: Callable[[Array], Array], edges: Array, model: TachModel) ->
 def _crossings(
     f: Callable[[Array], Array], level: Array, low: Array, high: Array, f_low: Array, f_high: Array
 ) -> Array:
-    """Where ``f`` passes ``level`` between ``low`` and ``high``, all (n,): regula falsi, Illinois variant."""
+    """Return where ``f`` passes ``level`` between ``low`` and ``high``, all (n,): regula falsi, Illinois variant."""
     low, high, below, above = low.copy(), high.copy(), f_low - level, f_high - level
     times = np.empty_like(low)
     active = np.arange(len(low))

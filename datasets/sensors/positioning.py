@@ -67,7 +67,7 @@ class GnssModel:
 
 
 def balise_table(ride: Ride, model: BaliseModel, duration_s: float, rng: np.random.Generator | None) -> pd.DataFrame:
-    """The canonical ``fixes`` table until ``duration_s``; complete and exact with no ``rng``."""
+    """Return the canonical ``fixes`` table until ``duration_s``; complete and exact with no ``rng``."""
     places = np.array(model.places_m) if model.places_m else np.arange(0.0, ride.line.length_m, model.spacing_m)
     times, which = ride.motion.times_at(places)
     during = times <= duration_s
@@ -85,7 +85,7 @@ def balise_table(ride: Ride, model: BaliseModel, duration_s: float, rng: np.rand
 
 
 def gnss_table(ride: Ride, model: GnssModel, duration_s: float, rng: np.random.Generator | None) -> pd.DataFrame:
-    """The canonical ``gnss`` table until ``duration_s``; exact but for placed outages with no ``rng``."""
+    """Return the canonical ``gnss`` table until ``duration_s``; exact but for placed outages with no ``rng``."""
     t = tables.clock(duration_s, model.rate_hz)
     errors, outages = np.zeros((len(t), 3)), np.array(model.outages_s).reshape(-1, 2)
     if rng is not None:
@@ -104,7 +104,7 @@ def gnss_table(ride: Ride, model: GnssModel, duration_s: float, rng: np.random.G
 
 
 def _multipath(model: GnssModel, n: int, rng: np.random.Generator) -> Array:
-    """Shape (n, 3)."""
+    """Return multipath, m, shape (n, 3)."""
     if not any(model.multipath_sd_m):
         return np.zeros((n, 3))
     phi = float(np.exp(-1.0 / (model.rate_hz * model.multipath_time_s)))
@@ -121,7 +121,7 @@ def gauss_markov(n: int, phi: float, rng: np.random.Generator) -> Array:
 
 
 def _outliers(model: GnssModel, n: int, rng: np.random.Generator) -> Array:
-    """Shape (n, 3)."""
+    """Return outliers, m, shape (n, 3)."""
     happens, size, way = rng.random((n, 3)).T
     low, high = model.outlier_m
     length = np.where(happens < model.outlier_probability, low + size * (high - low), 0.0)

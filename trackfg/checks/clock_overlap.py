@@ -105,7 +105,9 @@ def _zone_apart_s(record: tuple[float, float], t: Array, share: float) -> float:
 
 
 def _rolls_on(imu: pd.DataFrame, tach: pd.DataFrame, near: np.ndarray, place: ColumnPlace) -> list[Finding]:
-    """A wheel that rolls for 20 s or more before the first row of the IMU, or after its last: a part is missing."""
+    """Return findings for a wheel that rolls for 20 s or more before the first row of the IMU, or after its last: a
+    part is missing.
+    """
     (begin, end), t, distance = imu["t_s"].iloc[[0, -1]], tach["t_s"].to_numpy(), tach["distance_m"].to_numpy()
     expected, hint = "an IMU that measures as long", "look for the missing rows: nothing is estimated there"
     findings, rolls = list[Finding](), np.append(np.diff(distance) != 0.0, False)

@@ -284,7 +284,9 @@ def memory_faults(recording: Recording, limits: CheckLimits) -> list[Finding]:
 
 
 def _imu_clock_faults(t: Array, limits: CheckLimits) -> list[Finding]:
-    """Times (n,), s, at which no samples come: holes would be filled, one after the other, until no memory is left."""
+    """Return errors for times (n,), s, at which no samples come: holes would be filled, one after the other, until no
+    memory is left.
+    """
     file, column = "table 'imu'", "t_s"
     interval = interval_finding(median_interval(t), file, column, limits)
     return (

@@ -95,7 +95,9 @@ def _warning(code: str, message: str, column: str, expected: str | None = None, 
 
 
 def _axes(recording: Recording, axes: AxesEstimate, force: ForceFit | None) -> list[Finding]:
-    """Another axis than forward; a tach that never rises is rather of the other sense than all axes are backwards."""
+    """Return a finding for another axis than forward; a tach that never rises is rather of the other sense than all
+    axes are backwards.
+    """
     if axes.forward_correlation is None or axes.best_forward_correlation is None:
         return []
     if axes.forward_by == "tach":
@@ -131,7 +133,7 @@ _COLUMN_CODES = {"accel": ("accel-sign", "accel-columns"), "gyro": ("gyro-sign",
 
 
 def _columns(imu: Imu, force: ForceFit | None) -> list[Finding]:
-    """Columns that are exchanged or have the wrong sign, by sensor."""
+    """Return findings for columns that are exchanged or have the wrong sign, by sensor."""
     if force is None or not force.columns_are_wrong:
         return []
     findings = []
@@ -171,7 +173,9 @@ def _listed(names: Sequence[str]) -> str:
 
 
 def _mounting(force: ForceFit | None, limits: CheckLimits) -> list[Finding]:
-    """A sensor that is turned against the direction of travel, by the accelerations that it measures."""
+    """Return a finding for a sensor that is turned against the direction of travel, by the accelerations that it
+    measures.
+    """
     if force is None:
         return []
     turns = (("pitch", force.pitch, ("below", "above")), ("yaw", force.yaw, ("to the left of", "to the right of")))
@@ -208,7 +212,9 @@ _USUAL_TOP = 95.0
 
 
 def _bandwidths(recording: Recording, bandwidths: Bandwidths | None) -> list[Finding]:
-    """Samples of less bandwidth than their rate: a warning where a sensor that follows the track loses waves of it."""
+    """Return findings for samples of less bandwidth than their rate: a warning where a sensor that follows the track
+    loses waves of it.
+    """
     if bandwidths is None:
         return []
     imu, tach = recording.description.imu, recording.tach
@@ -263,7 +269,9 @@ def _bias(recording: Recording, bias: StaticBias | None) -> list[Finding]:
 
 
 def _noise(noise: NoiseDensity | None, limits: CheckLimits) -> list[Finding]:
-    """More noise than declared makes every sigma too small; less is information only: motion adds vibration."""
+    """Return findings for noise: more than declared makes every sigma too small; less is information only: motion adds
+    vibration.
+    """
     if noise is None:
         return []
     findings = []
@@ -283,7 +291,7 @@ def _noise(noise: NoiseDensity | None, limits: CheckLimits) -> list[Finding]:
 
 
 def _speed(tach: Tach | None, force: ForceFit | None, limits: CheckLimits) -> list[Finding]:
-    """Speeds scaled wrongly, by the force that acceleration and curves need."""
+    """Return findings for speeds that are scaled wrongly, by the force that acceleration and curves need."""
     if tach is None or force is None:
         return []
     forward, lateral, findings = force.forward, force.lateral, []
@@ -341,7 +349,9 @@ def _silence(tach: Tach | None, spans: Sequence[SilentSpan]) -> list[Finding]:
 
 
 def _curves(tach: Tach | None, estimates: Estimates, limits: CheckLimits) -> list[Finding]:
-    """A wheel that is off by some percent, by the force of curves, where neither fixes nor GNSS determine its scale."""
+    """Return a finding for a wheel that is off by some percent, by the force of curves, where neither fixes nor GNSS
+    determine its scale.
+    """
     force, low, high = estimates.force, 1.0 / limits.lateral_scale, limits.lateral_scale
     if tach is None or force is None or estimates.wheel_scale_fixes or estimates.wheel_scale_gnss:
         return []
@@ -391,7 +401,9 @@ def _gnss(recording: Recording, positions: PositionFit, limits: CheckLimits) -> 
 
 
 def _mirrored(recording: Recording, positions: PositionFit, force: ForceFit | None) -> list[Finding]:
-    """A path of positions that turns against the gyro, whose columns are right: two axes of it are exchanged."""
+    """Return a finding for a path of positions that turns against the gyro, whose columns are right: two axes of it are
+    exchanged.
+    """
     gnss, course = recording.description.gnss, positions.course
     gyro_is_wrong = force is not None and force.columns_are_wrong
     if gnss is None or course is None or gyro_is_wrong:
@@ -429,7 +441,9 @@ def _fixes(recording: Recording, positions: PositionFit, limits: CheckLimits) ->
 
 
 def _fix_order(recording: Recording) -> list[Finding]:
-    """Fixes whose chainages run against the declared direction: most of them where it is wrong, few where they are."""
+    """Return a finding for fixes whose chainages run against the declared direction: most of them where it is wrong,
+    few where they are.
+    """
     fixes, part, tach = recording.fixes, recording.description.fixes, recording.description.tach
     if fixes is None or part is None or recording.tach is None or tach is None:
         return []

@@ -56,7 +56,7 @@ class Estimates:
     bandwidths: Bandwidths | None = None
 
     def as_dict(self) -> dict[str, Any]:
-        """Nested, ready for JSON, without what could not be estimated."""
+        """Return the estimates nested, ready for JSON, without what could not be estimated."""
         content: dict[str, Any] = _without_none(asdict(self))
         return content
 

@@ -98,7 +98,7 @@ def estimate_clock_offset(recording: Recording, max_offset_s: float = 20.0) -> C
 
 
 def clock_offset(imu: pd.DataFrame, tach: pd.DataFrame, max_offset_s: float = 20.0) -> ClockOffset | None:
-    """The offset between tach and IMU, or None where the rows do not show it.
+    """Return the offset between tach and IMU, or None where the rows do not show it.
 
     That is where they are shorter than 20 s, without acceleration, with a correlation below 0.4, or with the best
     offset at the end of the range +-``max_offset_s`` (at most half of the time).
@@ -216,7 +216,7 @@ def on_imu_clock(tach: pd.DataFrame, offset: ClockOffset | None) -> pd.DataFrame
 
 
 def tach_acceleration(motion: Motion) -> Array:
-    """dv/dt of the tach at the centres of the intervals, m/s^2, by central differences. Shape (n,)."""
+    """Return dv/dt of the tach at the centres of the intervals, m/s^2, by central differences. Shape (n,)."""
     return np.asarray(np.gradient(motion.speed, motion.step_s), dtype=np.float64)
 
 
@@ -318,7 +318,7 @@ def _parabola_vertex(y: Array) -> float:
 
 
 def _lag_sd(y: Array, x: Array, lag: float, memory: int) -> float | None:
-    """The sigma of ``lag`` in samples, by the formula above; residuals ``memory`` samples apart are independent."""
+    """Return the sigma of ``lag`` in samples (module docstring); residuals ``memory`` samples apart are independent."""
     index = np.arange(y.size, dtype=np.float64)
     inside = (index + lag >= 0) & (index + lag <= y.size - 1)
     shifted = np.interp(index + lag, index, x)[inside]

@@ -54,7 +54,7 @@ class NoiseDensity:
 
 
 def static_bias(recording: Recording, standstills: Array) -> StaticBias | None:
-    """The biases; None without standstill. ``standstills`` (m, 2) as from :func:`find_standstills`.
+    """Return the biases; None without standstill. ``standstills`` (m, 2) as from :func:`find_standstills`.
 
     Sigma of a mean: white noise over the whole duration, and the scatter between standstills where there are several.
     """
@@ -120,7 +120,7 @@ def _interval(t: Array, span: slice) -> float:
 
 
 def _spans(recording: Recording, standstills: Array) -> list[slice]:
-    """The IMU rows of each standstill, less the margins, where at least a second is left."""
+    """Return the IMU rows of each standstill, less the margins, where at least a second is left."""
     t = recording.imu["t_s"].to_numpy()
     bounds = np.searchsorted(t, np.asarray(standstills) + np.array([_MARGIN_S, -_MARGIN_S]))
     spans = [slice(int(a), int(b)) for a, b in bounds.reshape(-1, 2) if b - a >= 2]

@@ -37,7 +37,7 @@ def findings(
     limits: CheckLimits,
     gnss_origin: Array | None = None,
 ) -> list[Finding]:
-    """All of them. ``toml`` is the name of the description's file."""
+    """Return all findings of values that cannot be true. ``toml`` is the name of the description's file."""
     report: list[Finding] = []
     imu, imu_table, tach_table = parts.get("imu"), tables.get("imu"), tables.get("tach")
     if tach_table is not None:

@@ -45,7 +45,7 @@ def speed_findings(
 
 
 def tach_findings(tach: Tach, section: Section, table: pd.DataFrame, limits: CheckLimits) -> list[Finding]:
-    """Speeds that no vehicle has, and a wheel of no usual size."""
+    """Return findings for speeds that no vehicle has, and a wheel of no usual size."""
     t, distance = table["t_s"].to_numpy(), table["distance_m"].to_numpy()
     span = max(1, int(np.searchsorted(t, t[0] + 1.0)))
     speed = np.abs(distance[span:] - distance[:-span]) / (t[span:] - t[:-span])
@@ -62,7 +62,7 @@ def tach_findings(tach: Tach, section: Section, table: pd.DataFrame, limits: Che
 
 
 def _tach_jumps(tach: Tach, t: Array, distance: Array, limits: CheckLimits) -> list[Finding]:
-    """Steps from row to row that no wheel makes, as where a counter wraps or is reset."""
+    """Return a finding for steps from row to row that no wheel makes, as where a counter wraps or is reset."""
     if tach.kind == "speed":
         return []
     steps, since = np.diff(distance, prepend=distance[0]), np.diff(t, prepend=t[0])
@@ -77,7 +77,7 @@ def _tach_jumps(tach: Tach, t: Array, distance: Array, limits: CheckLimits) -> l
 
 
 def laser_findings(laser: Laser, section: Section, table: pd.DataFrame, limits: CheckLimits) -> list[Finding]:
-    """A unit off by 1000: too large to be true, or moving less than a hundredth of its own noise."""
+    """Return a finding for a unit off by 1000: too large to be true, or moving less than a hundredth of its noise."""
     displacement = table["displacement_m"].to_numpy()
     largest = float(np.quantile(np.abs(displacement), 0.9))
     low, high = np.quantile(displacement, [0.05, 0.95])

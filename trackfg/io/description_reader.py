@@ -92,7 +92,7 @@ class ReadDescription:
 
 
 def locate(path: Path | str) -> tuple[Path, Path]:
-    """The folder and the ``recording.toml`` of a recording named by either."""
+    """Return the folder and the ``recording.toml`` of a recording named by either."""
     path = Path(path)
     return (path.parent, path) if path.suffix == ".toml" else (path, path / FILE_NAME)
 
@@ -147,7 +147,7 @@ def read_description(path: Path | str) -> ReadDescription:
 
 
 def validated(data: dict[str, Any], file: str) -> ReadDescription:
-    """A description that was read already, from TOML or elsewhere; ``file`` names it in findings. Never raises."""
+    """Return a description that was read already, from TOML or elsewhere; ``file`` names it in findings."""
     findings: list[Finding] = []
     parts: dict[str, Model] = {}
     doubtful: set[str] = set()
@@ -179,7 +179,7 @@ def validated(data: dict[str, Any], file: str) -> ReadDescription:
 
 
 def _with_tachs_apart(data: dict[str, Any]) -> dict[str, Any]:
-    """``[[tach]]`` as the first tach and the further ones, as the models have them."""
+    """Return ``[[tach]]`` as the first tach and the further ones, as the models have them."""
     tachs = data.get("tach")
     if not (isinstance(tachs, list) and tachs and all(isinstance(tach, dict) for tach in tachs)):
         return data
@@ -193,7 +193,9 @@ def _list_of_one(key: str, file: str) -> Finding:
 
 
 def _named_parts(data: Mapping[str, Any]) -> Iterator[tuple[str, type[Model], Any]]:
-    """Each part's key, its class, and what the file has there: of a list one by one, ``"laser[1]"``, if it is one."""
+    """Return each part's key, its class, and what the file has there: of a list one by one, ``"laser[1]"``, if it is
+    one.
+    """
     for key, model in _PARTS.items():
         if key in _LISTS and isinstance(data.get(key), list):
             name, first = ("tach", 2) if model is FurtherTach else (key, 1)
@@ -203,7 +205,7 @@ def _named_parts(data: Mapping[str, Any]) -> Iterator[tuple[str, type[Model], An
 
 
 def _top_level(data: dict[str, Any], file: str) -> list[Finding]:
-    """Faults of the keys that are not tables, missing parts, and parts that do not exist."""
+    """Return faults of the keys that are not tables, missing parts, and parts that do not exist."""
     findings = []
     declared = data.get("format")
     if declared != FORMAT:
@@ -228,7 +230,7 @@ def _not_a_table(key: str, file: str, expected: str) -> Finding:
 
 
 def _part(model: type[Model], raw: dict[str, Any], key: str, file: str) -> tuple[Model | None, list[Finding]]:
-    """The validated part, or where it has faults as much of it as finds its table, or None; and the faults."""
+    """Return the validated part, or where it has faults as much of it as finds its table, or None; and the faults."""
     try:
         return model.model_validate(raw), []
     except ValidationError as error:

@@ -42,7 +42,7 @@ class TableFile:
     faults: Mapping[str, Finding] = field(default_factory=dict)
 
     def numbers(self, column: str) -> tuple[Array | None, list[Finding]]:
-        """The column as float64, NaN where a cell is empty; or None and why not."""
+        """Return the column as float64, NaN where a cell is empty; or None and why not."""
         if column in self.faults:
             return None, [self.faults[column]]
         if column in self.values:
@@ -60,7 +60,7 @@ def _fault(code: str, message: str, file: str, column: str, expected: str, hint:
 
 
 def resolve_inside(folder: Path, name: str) -> tuple[Path | None, list[Finding]]:
-    """The existing file ``name`` of ``folder``; or None and why not. Nothing outside ``folder`` is touched."""
+    """Return the existing file ``name`` of ``folder``; or None and why not. Nothing outside ``folder`` is touched."""
 
     def refused(code: str, message: str, expected: str, hint: str | None = None) -> tuple[None, list[Finding]]:
         return None, [Finding("error", code, message, file=name, expected=expected, hint=hint)]
@@ -231,7 +231,7 @@ def _search_csv(
 
 
 def _parse(cell: str) -> float | None:
-    """The number in a cell as Arrow reads it: NaN for an empty one, None for what is no number."""
+    """Return the number in a cell as Arrow reads it: NaN for an empty one, None for what is no number."""
     cell = cell.strip(" \t")
     if cell in _EMPTY_CELLS:
         return float("nan")

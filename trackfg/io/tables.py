@@ -47,7 +47,7 @@ class Tables:
             self._wanted.setdefault(part.file, []).extend((part.time, *format_of(part).columns(part)))
 
     def _open(self, file: str) -> tuple[TableFile | None, list[Finding]]:
-        """The open file, or None and why not."""
+        """Return the open file, or None and why not."""
         opened = self._opened.pop(file, None) or open_table(self._folder, file, self._wanted.get(file, ()))
         self._awaited[file] -= 1
         if self._awaited[file] > 0:
@@ -55,7 +55,7 @@ class Tables:
         return opened
 
     def columns(self, part: Table, limits: CheckLimits) -> tuple[Columns | None, list[Finding]]:
-        """The part's columns, or None where one is unusable; and all that is wrong with their structure."""
+        """Return the part's columns, or None where one is unusable; and all that is wrong with their structure."""
         table, findings = self._open(part.file)
         if table is None:
             return None, findings
@@ -100,7 +100,7 @@ class Tables:
 
 
 def canonical_table(part: Table, columns: Columns) -> tuple[pd.DataFrame, Converter]:
-    """The sensor's table as :mod:`trackfg.recording.model` has it, and the conversion after its last row."""
+    """Return the sensor's table as :mod:`trackfg.recording.model` has it, and the conversion after its last row."""
     sensor = format_of(part)
     converter, t = sensor.converter(part), sensor.on_common_clock(part, columns.t_s)
     data = (t, *converter(t, columns.data))

@@ -25,7 +25,7 @@ def has_truth(path: Path | str) -> bool:
 
 
 def read_truth(path: Path | str) -> pd.DataFrame:
-    """The truth table of a recording: ``t_s`` and whatever trajectory columns it has. For comparisons only.
+    """Return the truth table of a recording: ``t_s`` and whatever trajectory columns it has. For comparisons only.
 
     Columns may hold NaN where the truth is not known. Raises :class:`BadInputError` where there is no truth.
     """
@@ -41,7 +41,7 @@ def read_truth(path: Path | str) -> pd.DataFrame:
 
 
 def read_truth_geometry(path: Path | str) -> pd.DataFrame | None:
-    """The true geometry, by ``chainage_m``, or None where the recording has a truth without geometry.
+    """Return the true geometry, by ``chainage_m``, or None where the recording has a truth without geometry.
 
     Raises :class:`BadInputError` where there is no truth at all, or the table is unusable.
     """
@@ -64,7 +64,7 @@ def _truth_part(path: Path | str) -> tuple[Truth, Path]:
 
 
 def _all_columns(folder: Path, file: str, key: str) -> pd.DataFrame:
-    """Every column of a table. Raises :class:`BadInputError` where one is not numeric or ``key`` is missing."""
+    """Return every column of a table. Raises :class:`BadInputError` where one is not numeric or ``key`` is missing."""
     table, findings = open_table(folder, file, [key])
     if table is not None:
         table, findings = open_table(folder, file, table.columns)

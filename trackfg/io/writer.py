@@ -101,7 +101,7 @@ def write_recording(
 
 
 def _with_tachs_together(data: dict[str, Any]) -> dict[str, Any]:
-    """The description's further tachs as entries of ``[[tach]]``."""
+    """Return the description's further tachs as entries of ``[[tach]]``."""
     further = data.pop("further_tach")
     return {**data, "tach": [data["tach"], *further]} if further else data
 
@@ -153,7 +153,7 @@ def canonical_form(recording: Recording, table_format: str) -> tuple[RecordingDe
 
 
 def _complete(sensor: SensorFormat[Any], name: str, table: pd.DataFrame) -> pd.DataFrame:
-    """The canonical columns of a table. Raises :class:`BadInputError` where it lacks one."""
+    """Return the canonical columns of a table. Raises :class:`BadInputError` where it lacks one."""
     if missing := [column for column in sensor.canonical if column not in table.columns]:
         _, _, sensor_name = name.partition("/")
         which = f"{sensor.key} {sensor_name!r}" if sensor_name else f"{name}.parquet"
@@ -165,7 +165,7 @@ def _complete(sensor: SensorFormat[Any], name: str, table: pd.DataFrame) -> pd.D
 def _places(
     sensor: SensorFormat[Any], written: Sequence[WrittenTable], table_format: str
 ) -> list[tuple[str, str | None]]:
-    """The file of each table, and its column where sensors of the same times share a file."""
+    """Return the file of each table, and its column where sensors of the same times share a file."""
     if not sensor.several:
         return [(f"{sensor.key}.{table_format}", None) for _ in written]
     times = [table[TIME_COLUMN].to_numpy() for _, table in written]

@@ -33,10 +33,12 @@ _FACTORS: dict[str, dict[str, float]] = {
 
 
 def known_units(quantity: str) -> tuple[str, ...]:
-    """The unit names accepted for ``quantity`` ("time", "angular rate", "acceleration", "length", "speed", "count")."""
+    """Return the unit names accepted for ``quantity`` ("time", "angular rate", "acceleration", "length", "speed",
+    "count").
+    """
     return tuple(_FACTORS[quantity])
 
 
 def to_si(quantity: str, unit: str) -> float:
-    """The factor that multiplies a value in ``unit`` to give SI. Raises ``KeyError`` for an unknown unit."""
+    """Return the factor that multiplies a value in ``unit`` to give SI. Raises ``KeyError`` for an unknown unit."""
     return _FACTORS[quantity][unit]

@@ -68,7 +68,7 @@ class Finding:
 
 
 def errors(findings: Iterable[Finding]) -> list[Finding]:
-    """Those that make a recording unusable, in their order."""
+    """Return those that make a recording unusable, in their order."""
     return [finding for finding in findings if finding.level == "error"]
 
 

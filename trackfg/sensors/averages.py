@@ -114,7 +114,7 @@ def band_passed(values: Array, valid: np.ndarray, step_s: float, short_s: float,
 
 
 def _gaussian(sd: float, whole: int) -> Array:
-    """The weights of a Gaussian average, shape (2 whole + 1,); ``sd`` in steps."""
+    """Return the weights of a Gaussian average, shape (2 whole + 1,); ``sd`` in steps."""
     step = np.arange(-whole, whole + 1)
     weights = np.where(np.abs(step) <= int(_REACH * sd + 0.5), np.exp(-0.5 * np.square(step / sd)), 0.0)
     return np.asarray(weights / weights.sum())

@@ -46,7 +46,9 @@ class Channel:
         return 1.0 / float(np.median(np.diff(self.t)))
 
     def mean(self, t: Array, window_s: float) -> Array:
-        """Means over ``window_s`` around ``t`` (m,), less near the record's ends; NaN beyond them and in its holes."""
+        """Return means over ``window_s`` around ``t`` (m,), less near the record's ends; NaN beyond them and in its
+        holes.
+        """
         half = np.clip(np.minimum(t - self.t[0], self.t[-1] - t), 0.0, 0.5 * window_s)  # the middle stays at t
         low, high = t - half, t + half
         total = np.interp(high, self.t, self.integral) - np.interp(low, self.t, self.integral)
@@ -60,7 +62,7 @@ class Channel:
         return np.where(known, mean, np.nan)
 
     def mean_sd(self, window_s: float) -> float:
-        """Sigma of such a mean, the noise of the readings being independent, m."""
+        """Return the sigma of such a mean, the noise of the readings being independent, m."""
         return self.laser.sd_m / float(np.sqrt(max(1.0, self.rate_hz * window_s)))
 
 
@@ -78,7 +80,7 @@ class RailView:
     head_m: float = 0.0
 
     def points(self, t: Array, window_s: float) -> Array:
-        """The middle of the rail's top in vehicle axes at times ``t``, m. Shape (m, 3)."""
+        """Return the middle of the rail's top in vehicle axes at times ``t``, m. Shape (m, 3)."""
         fallback = next(channel.laser.position_m for channel in (self.vertical, self.lateral) if channel is not None)
         place = np.tile(np.array(fallback), (len(t), 1))
         place[:, 0] = self.along_m
@@ -90,7 +92,7 @@ class RailView:
         return place
 
     def sd(self, window_s: float) -> tuple[float, float]:
-        """Sigmas across and up, m."""
+        """Return sigmas across and up, m."""
         channels = (self.lateral, self.vertical)
         across, up = (_NOTHING_M if channel is None else channel.mean_sd(window_s) for channel in channels)
         return across, up
@@ -102,7 +104,7 @@ class RailView:
 
 
 def rail_views(recording: Recording) -> list[RailView]:
-    """Every unit's view of every rail, the foremost first. Empty without lasers."""
+    """Return every unit's view of every rail, the foremost first. Empty without lasers."""
     views = []
     lasers = recording.description.laser
     for along in sorted({laser.position_m[0] for laser in lasers}, reverse=True):

@@ -54,7 +54,7 @@ class Intervals(Outlined):
         return len(self.gyro)
 
     def take(self, rows: slice) -> Intervals:
-        """Some of the intervals, in a row."""
+        """Return some of the intervals, in a row."""
         first, end, _ = rows.indices(len(self))
         return Intervals(self.edges[first : end + 1], self.gyro[rows], self.accel[rows], self.bridged[rows])
 
@@ -90,7 +90,7 @@ class Intervals(Outlined):
         return np.asarray(self.bridged[self.edges.searchsorted(t - _SAME_S)])
 
     def gaps(self) -> Array:
-        """Bridged spans as rows (start, end), s. Shape (g, 2)."""
+        """Return bridged spans as rows (start, end), s. Shape (g, 2)."""
         spans: Array = self.edges[true_runs(self.bridged)]
         return spans
 
@@ -116,7 +116,8 @@ def intervals(recording: Recording) -> Intervals:
 
 
 def laid_out(t: Array, gyro: Array, accel: Array, dt: float, begin: float | None = None) -> Intervals:
-    """:func:`intervals` of samples at ``t`` (n,), about every ``dt`` s; the first one starts at ``begin``, if known.
+    """Return the :func:`intervals` of samples at ``t`` (n,), about every ``dt`` s; the first one starts at ``begin``,
+    if known.
 
     Where the rate changes, ``dt`` is another one.
     """
@@ -140,7 +141,7 @@ def laid_out(t: Array, gyro: Array, accel: Array, dt: float, begin: float | None
 
 
 def means_around(t: Array, width_s: float, edges: Array, samples: Array) -> Array:
-    """Means of the samples (n, 3) between ``edges`` (n + 1,) over ``width_s`` s around each ``t``. Shape (m, 3)."""
+    """Return means (m, 3) of samples (n, 3) between ``edges`` (n + 1,) over ``width_s`` s around each ``t`` (m,)."""
     if compiled_kernels():
         from trackfg.numerics import compiled
 
@@ -151,7 +152,8 @@ def means_around(t: Array, width_s: float, edges: Array, samples: Array) -> Arra
 
 
 def means_between(begin: Array, end: Array, edges: Array, samples: Array) -> Array:
-    """Means of the samples (n, 3) between ``edges`` (n + 1,) from each ``begin`` (m,), s, to its ``end``, likewise.
+    """Return means of the samples (n, 3) between ``edges`` (n + 1,) from each ``begin`` (m,), s, to its ``end``,
+    likewise.
 
     Shape (m, 3).
     """
@@ -166,7 +168,7 @@ def means_between(begin: Array, end: Array, edges: Array, samples: Array) -> Arr
 
 
 def interpolate_columns(at: Array, t: Array, values: Array) -> Array:
-    """Each column of ``values`` (n, c), given at ``t`` (n,), linearly at ``at`` (m,). Shape (m, c)."""
+    """Return each column of ``values`` (n, c), given at ``t`` (n,), linearly at ``at`` (m,). Shape (m, c)."""
     if compiled_kernels():
         from trackfg.numerics import compiled
 
@@ -286,7 +288,7 @@ class Turning:
 
 
 def turning(data: Intervals, keyframes: np.ndarray, gyro_bias: Array, distance: Array) -> Turning:
-    """The gyro's attitude along each interval, averaged over the distance travelled.
+    """Return the gyro's attitude along each interval, averaged over the distance travelled.
 
     ``keyframes`` (m + 1,) index ``data.edges``; ``gyro_bias`` (3,) rad/s is taken out; ``distance`` (n + 1,) m at the
     edges. An interval without distance is averaged over time. The trapezoid rule at every sample.

@@ -101,7 +101,7 @@ def find_standstills(
     silent_at_rest: bool | None = None,
     quantum_m: float | None = None,
 ) -> Array:
-    """Spans of rest as rows (start, end), s, in order, each at least ``min_duration_s`` long. Shape (m, 2).
+    """Return spans of rest as rows (start, end), s, in order, each at least ``min_duration_s`` long. Shape (m, 2).
 
     ``silent_at_rest`` and ``quantum_m`` are as for :func:`tach_rests`.
     """

@@ -205,8 +205,8 @@ def longest_silence_s(t: Array, max_gap_s: float) -> float:
 
 
 def silences(t: Array, distance: Array, quantum: float, longest_s: float) -> Array:
-    """Spans without rows, longer than ``longest_s``, over which the wheel rolled, s, shape (g, 2). How far it had
-    rolled within one is not read off a straight line: at 1 m/s^2 that would be 0.5 m off in the middle of 2 s.
+    """Return spans without rows, longer than ``longest_s``, over which the wheel rolled, s, shape (g, 2). How far it
+    had rolled within one is not read off a straight line: at 1 m/s^2 that would be 0.5 m off in the middle of 2 s.
     """
     silent = t[1:] - t[:-1] > longest_s
     if not silent.any():

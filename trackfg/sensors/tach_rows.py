@@ -9,7 +9,7 @@ from trackfg.numerics.arrays import Array
 
 
 def tach_quantum_m(tach: pd.DataFrame) -> float:
-    """The distance of one count in a ``tach`` table, m: the largest step of which all steps are multiples.
+    """Return the distance of one count in a ``tach`` table, m: the largest step of which all steps are multiples.
 
     0 where the distance is not quantised (or finer than 1 um), as with an integrated speed.
     """

@@ -124,7 +124,9 @@ def _conditional_of_shared(alone: Array, shared_dim: int) -> tuple[Array, Array]
 
 
 def _shared_dim(factors: Sequence[LinearFactors]) -> int:
-    """The dimension of the shared variables: each further sensor has a factor, its prior or what that has become."""
+    """Return the dimension of the shared variables: each further sensor has a factor, its prior or what that has
+    become.
+    """
     sensors = (
         slot.index for linear in factors for slot in linear.slots if slot.kind is Kind.SENSOR and slot.index.size
     )

@@ -70,7 +70,7 @@ def _is_steady(table: pd.DataFrame) -> bool:
 
 
 def gyro_findings(imu: Imu, motion: Motion, limits: CheckLimits) -> list[Finding]:
-    """Angular rates that no vehicle has, or that do not fit the lateral specific force."""
+    """Return findings for angular rates that no vehicle has, or that do not fit the lateral specific force."""
     columns = ", ".join(imu.gyro)
     other = "deg/s" if imu.gyro_unit == "rad/s" else "rad/s"
     to_other = f'the data look like {other}: set imu.gyro_unit = "{other}"'

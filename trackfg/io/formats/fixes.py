@@ -19,7 +19,7 @@ class FixesFormat(SensorFormat[Fixes]):
     canonical = FIX_COLUMNS
 
     def columns(self, part: Fixes) -> tuple[str, ...]:
-        """Chainage and its sigma."""
+        """Return the columns of chainage and its sigma."""
         return (part.chainage, part.sd)
 
     def converter(self, part: Fixes) -> RowsAlone:
@@ -27,7 +27,7 @@ class FixesFormat(SensorFormat[Fixes]):
         return RowsAlone(tuple)
 
     def value_faults(self, part: Fixes, read: ReadColumns) -> list[Finding]:
-        """Sigmas that are not positive."""
+        """Return errors for sigmas that are not positive."""
         sd = read.named[part.sd]
         return [] if sd is None else unusable_sigmas(sd, ColumnPlace(part.file, part.sd, read.t))
 

@@ -28,13 +28,13 @@ class GnssConverter(Converter):
         self.origin: Array | None = None
 
     def __call__(self, t: Array, columns: Sequence[Array]) -> tuple[Array, ...]:
-        """Positions and their sigmas, m, six columns."""
+        """Return positions and their sigmas, m, six columns."""
         if self.origin is None:
             self.origin = canonical.gnss_origin(self._part, columns)
         return (*canonical.gnss_position(self._part, self.origin, columns), *columns[3:])
 
     def state(self) -> Any:
-        """The origin."""
+        """Return the origin."""
         return None if self.origin is None else self.origin.tolist()
 
     def restore(self, state: Any) -> None:
@@ -50,7 +50,7 @@ class GnssFormat(SensorFormat[Gnss]):
     canonical = GNSS_COLUMNS
 
     def columns(self, part: Gnss) -> tuple[str, ...]:
-        """Three of the position, three of its sigmas."""
+        """Return three columns of the position, three of its sigmas."""
         return (*part.position, *part.sd)
 
     def converter(self, part: Gnss) -> GnssConverter:
@@ -58,7 +58,7 @@ class GnssFormat(SensorFormat[Gnss]):
         return GnssConverter(part)
 
     def value_faults(self, part: Gnss, read: ReadColumns) -> list[Finding]:
-        """Sigmas that are not positive, and positions that are not on the Earth."""
+        """Return errors for sigmas that are not positive, and positions that are not on the Earth."""
         faults = []
         for name in part.sd:
             if (sd := read.named[name]) is not None:
@@ -70,7 +70,7 @@ class GnssFormat(SensorFormat[Gnss]):
         return faults
 
     def impossible(self, part: Gnss, columns: Sequence[Array]) -> Impossible | None:
-        """Positions that are not on the Earth."""
+        """Return which rows have positions that are not on the Earth."""
         if part.frame != "geodetic":
             return None
         latitude, longitude = columns[:2]

@@ -28,7 +28,7 @@ class GnssSpeedFormat(SensorFormat[GnssSpeed]):
     may_be_silent = True
 
     def columns(self, part: GnssSpeed) -> tuple[str, ...]:
-        """The speed, and its sigma where that has a column."""
+        """Return the speed, and its sigma where that has a column."""
         return (part.column,) if part.sd is None else (part.column, part.sd)
 
     def converter(self, part: GnssSpeed) -> RowsAlone:
@@ -36,7 +36,7 @@ class GnssSpeedFormat(SensorFormat[GnssSpeed]):
         return RowsAlone(partial(_speeds, part))
 
     def value_faults(self, part: GnssSpeed, read: ReadColumns) -> list[Finding]:
-        """Speeds below zero, and sigmas that are not positive."""
+        """Return errors for speeds below zero, and sigmas that are not positive."""
         faults, speed = [], read.named[part.column]
         if speed is not None:
             faults += negative_magnitude(speed, ColumnPlace(part.file, part.column, read.t))
@@ -46,12 +46,12 @@ class GnssSpeedFormat(SensorFormat[GnssSpeed]):
         return faults
 
     def doubts(self, part: GnssSpeed, section: Section, table: pd.DataFrame, limits: CheckLimits) -> list[Finding]:
-        """Speeds of no vehicle."""
+        """Return an error for speeds of no vehicle."""
         speed, hint = table["speed_mps"].to_numpy(), f"check {section.name}.unit"
         return speed_findings("gnss-speed-unit", speed, part, hint, limits)
 
     def impossible(self, part: GnssSpeed, columns: Sequence[Array]) -> Impossible | None:
-        """Speeds of no vehicle, and below zero."""
+        """Return which rows have speeds of no vehicle, and below zero."""
         speed = columns[0] * to_si("speed", part.unit)
         return Impossible("speed-jump", (speed > CheckLimits().speed_error_mps) | (speed < 0.0))
 

@@ -27,7 +27,7 @@ class ImuFormat(SensorFormat[Imu]):
     canonical = IMU_COLUMNS
 
     def columns(self, part: Imu) -> tuple[str, ...]:
-        """Three of the gyro, three of the accelerometer."""
+        """Return three columns of the gyro and three of the accelerometer."""
         return (*part.gyro, *part.accel)
 
     def converter(self, part: Imu) -> RowsAlone:
@@ -50,7 +50,7 @@ class ImuFormat(SensorFormat[Imu]):
         return (read.t, []) if even is None else (even.t, [even.finding(part)])
 
     def gap_limits_s(self, limits: CheckLimits) -> tuple[float, float | None] | None:
-        """An error where attitude is lost."""
+        """Return the limits of a warning and of an error, where attitude is lost."""
         return limits.imu_gap_warning_s, limits.imu_gap_error_s
 
     def written(self, part: Imu, table: pd.DataFrame) -> WrittenTable:

@@ -34,7 +34,7 @@ class LaserFormat(SensorFormat[Laser]):
         return f"{LASER_TABLE}{part.name}"
 
     def doubts(self, part: Laser, section: Section, table: pd.DataFrame, limits: CheckLimits) -> list[Finding]:
-        """A unit that is off by 1000."""
+        """Return an error for a unit that is off by 1000."""
         return laser_findings(part, section, table, limits)
 
     def written(self, part: Laser, table: pd.DataFrame) -> WrittenTable:

@@ -33,17 +33,19 @@ _BY_KEY = {sensor.key: sensor for sensor in FORMATS}
 
 
 def format_of(part: Table) -> SensorFormat[Any]:
-    """The format of a part of a description. Raises ``KeyError`` where the part is of no sensor."""
+    """Return the format of a part of a description. Raises ``KeyError`` where the part is of no sensor."""
     return _BY_MODEL[type(part)]
 
 
 def format_of_table(name: str) -> SensorFormat[Any]:
-    """The format of a table in memory by its name, ``"imu"`` or ``"laser/left"``. Raises ``KeyError`` if unknown."""
+    """Return the format of a table in memory by its name, ``"imu"`` or ``"laser/left"``. Raises ``KeyError`` if
+    unknown.
+    """
     return _BY_KEY[name.partition("/")[0]]
 
 
 def sensors_of(description: RecordingDescription) -> Iterator[tuple[str, Table]]:
-    """The name of each sensor's table in memory, and its part of the description."""
+    """Return the name of each sensor's table in memory, and its part of the description."""
     for sensor in FORMATS:
         value = getattr(description, sensor.key)
         parts = value if sensor.several else () if value is None else (value,)

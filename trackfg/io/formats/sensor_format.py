@@ -53,10 +53,14 @@ class Converter(ABC):
 
     @abstractmethod
     def __call__(self, t: Array, columns: Sequence[Array]) -> tuple[Array, ...]:
-        """The data columns in canonical form, from times on the common clock (n,), s, and the columns as recorded."""
+        """Return the data columns in canonical form, from times on the common clock (n,), s, and the columns as
+        recorded.
+        """
 
     def state(self) -> Any:
-        """The state that carries over from batch to batch, as JSON values; None where each row stands for itself."""
+        """Return the state that carries over from batch to batch, as JSON values; None where each row stands for
+        itself.
+        """
         return None
 
     def restore(self, state: Any) -> None:
@@ -92,22 +96,22 @@ class SensorFormat(ABC, Generic[Part]):
 
     @abstractmethod
     def columns(self, part: Part) -> tuple[str, ...]:
-        """The columns as recorded, without the time."""
+        """Return the columns as recorded, without the time."""
 
     @abstractmethod
     def converter(self, part: Part) -> Converter:
-        """A conversion that has seen no row yet."""
+        """Return a conversion that has seen no row yet."""
 
     @abstractmethod
     def written(self, part: Part, table: pd.DataFrame) -> WrittenTable:
         """Return the canonical ``table`` as it is written, so that reading gives the same values."""
 
     def table_name(self, part: Part, number: int) -> str:
-        """The name of the sensor's table in memory and in a stream; ``number`` counts from 1 in a list."""
+        """Return the name of the sensor's table in memory and in a stream; ``number`` counts from 1 in a list."""
         return f"{self.key}/{number}" if self.several else self.key
 
     def on_common_clock(self, part: Part, t: Array) -> Array:
-        """Times on the sensor's clock (n,), s, on that of the recording."""
+        """Return times on the sensor's clock (n,), s, on that of the recording."""
         return canonical.on_common_clock(part, t)
 
     def with_even_times(self, part: Part, read: ReadColumns) -> tuple[Array | None, list[Finding]]:
@@ -119,7 +123,7 @@ class SensorFormat(ABC, Generic[Part]):
         return None
 
     def value_faults(self, part: Part, read: ReadColumns) -> list[Finding]:
-        """Values that make the table unusable. By default none."""
+        """Return errors for values that make the table unusable. By default none."""
         return []
 
     def doubts(self, part: Part, section: Section, table: pd.DataFrame, limits: CheckLimits) -> list[Finding]:
@@ -129,5 +133,5 @@ class SensorFormat(ABC, Generic[Part]):
         return []
 
     def impossible(self, part: Part, columns: Sequence[Array]) -> Impossible | None:
-        """Rows of a stream to be left out before the conversion, or None where nothing can be decided."""
+        """Return the rows of a stream to be left out before the conversion, or None where nothing can be decided."""
         return None

@@ -37,19 +37,19 @@ class SpeedFormat(SensorFormat[Speed]):
         return RowsAlone(partial(_speed, part))
 
     def value_faults(self, part: Speed, read: ReadColumns) -> list[Finding]:
-        """A sensor that is declared unsigned and goes backwards."""
+        """Return an error for a sensor that is declared unsigned and goes backwards."""
         speed = read.named[part.column]
         if part.signed or speed is None:
             return []
         return negative_speed(speed, ColumnPlace(part.file, part.column, read.t), "speed")
 
     def doubts(self, part: Speed, section: Section, table: pd.DataFrame, limits: CheckLimits) -> list[Finding]:
-        """Speeds of no vehicle."""
+        """Return an error for speeds of no vehicle."""
         speed, hint = table["speed_mps"].to_numpy(), f"check {section.name}.unit"
         return speed_findings("speed-unit", speed, part, hint, limits)
 
     def impossible(self, part: Speed, columns: Sequence[Array]) -> Impossible | None:
-        """Speeds of no vehicle, and below zero although the sensor is declared unsigned."""
+        """Return which rows have speeds of no vehicle, and below zero although the sensor is declared unsigned."""
         speed = columns[0] * to_si("speed", part.unit)
         wrong = (np.abs(speed) > CheckLimits().speed_error_mps) | ((speed < 0.0) & (not part.signed))
         return Impossible("speed-jump", wrong)

@@ -32,7 +32,7 @@ class TachConverter(Converter):
         self._last: TachReading | None = None
 
     def __call__(self, t: Array, columns: Sequence[Array]) -> tuple[Array, ...]:
-        """The cumulative distance, one column."""
+        """Return the cumulative distance, one column."""
         (values,) = columns
         distance = canonical.tach_distance(self._part, t, values, self._last)
         if self._part.kind == "speed":
@@ -41,7 +41,7 @@ class TachConverter(Converter):
         return (distance,)
 
     def state(self) -> Any:
-        """The state of the integral."""
+        """Return the state of the integral."""
         return None if self._last is None else asdict(self._last)
 
     def restore(self, state: Any) -> None:
@@ -69,7 +69,7 @@ class TachFormat(SensorFormat[Tach]):
         return limits.tach_gap_warning_s, None
 
     def value_faults(self, part: Tach, read: ReadColumns) -> list[Finding]:
-        """A tach that is declared unsigned and runs backwards."""
+        """Return an error for a tach that is declared unsigned and runs backwards."""
         values = read.named[part.column]
         if part.signed or values is None:
             return []
@@ -77,11 +77,11 @@ class TachFormat(SensorFormat[Tach]):
         return check(values, ColumnPlace(part.file, part.column, read.t))
 
     def doubts(self, part: Tach, section: Section, table: pd.DataFrame, limits: CheckLimits) -> list[Finding]:
-        """Speeds and wheels of no vehicle."""
+        """Return findings for speeds and wheels of no vehicle."""
         return tach_findings(part, section, table, limits)
 
     def impossible(self, part: Tach, columns: Sequence[Array]) -> Impossible | None:
-        """Speeds of no vehicle; what a count or a distance may do is known from row to row only."""
+        """Return which rows have speeds of no vehicle; what a count or a distance may do shows from row to row."""
         if part.kind != "speed":
             return None
         speed = canonical.tach_speed(part, columns[0])

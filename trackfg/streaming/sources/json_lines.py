@@ -107,7 +107,9 @@ class JsonLinesSource:
         raise RowError('no "table"; expected {"table": "imu", ...}')
 
     def _line(self) -> bytes:
-        """The next line with its end, or empty at the end of the stream; of one that is too long, enough to show it."""
+        """Return the next line with its end, or empty at the end of the stream; of one that is too long, enough to show
+        it.
+        """
         line = rest = self._piece()
         if line:
             self._read += 1
