@@ -38,7 +38,9 @@ from trackfg.interchange.importing.sample_stamps import repeated_rows, sorted_ro
 from trackfg.interchange.importing.source_table import ROW_NUMBER, SourceTable
 from trackfg.interchange.importing.stated_start import stated_start
 from trackfg.interchange.importing.stations import read_stations
-from trackfg.interchange.importing.times import Times, as_datetime, as_ns, read_times, start_of, stated_day, zone_named
+from trackfg.interchange.importing.times.clock import Times, as_datetime, as_ns, start_of, stated_day
+from trackfg.interchange.importing.times.reading import read_times
+from trackfg.interchange.importing.times.zones import zone_named
 from trackfg.io.description_reader import FILE_NAME, FORMAT
 from trackfg.io.reader import LoadedRecording, load
 from trackfg.io.writer import write_table

@@ -19,7 +19,7 @@ from trackfg.errors import BadInputError, expected_one_of
 from trackfg.files.small_file import read_toml, validated
 from trackfg.interchange.importing.geometry_reading import GeometryOptions
 from trackfg.interchange.importing.text_dialect import DialectOptions
-from trackfg.interchange.importing.times import TimeNotation
+from trackfg.interchange.importing.times.notation import TimeNotation
 from trackfg.io.formats.registry import FORMATS
 from trackfg.numerics.chainage.kilometrage import Kilometrage
 from trackfg.numerics.chainage.km_notation import Bare
@@ -40,9 +40,10 @@ class _Reading(BaseModel):
 
     ``file`` may be a pattern; two of them are the gyro's and the accelerometer's. ``time`` is a column, or the date's
     and the time of day's, or :data:`~trackfg.interchange.importing.source_table.ROW_NUMBER`. The keys of times are
-    those of :class:`~trackfg.interchange.importing.times.TimeNotation`. ``crs`` is the reference system of easting and
-    northing. ``valid`` is the column that says whether a position is one, ``dop`` that of the dilution of precision, by
-    which constant sigmas are multiplied, ``quality`` that of NMEA's quality: constant sigmas are those of quality 1.
+    those of a :class:`~trackfg.interchange.importing.times.notation.TimeNotation`. ``crs`` is the reference system of
+    easting and northing. ``valid`` is the column that says whether a position is one, ``dop`` that of the dilution of
+    precision, by which constant sigmas are multiplied, ``quality`` that of NMEA's quality: constant sigmas are those of
+    quality 1.
     """
 
     model_config = ConfigDict(extra="ignore", frozen=True)

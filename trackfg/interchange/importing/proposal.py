@@ -50,7 +50,8 @@ from trackfg.interchange.importing.proposals.receiver_speed_proposal import prop
 from trackfg.interchange.importing.proposals.tach_proposal import propose_speeds_over_ground, propose_tach
 from trackfg.interchange.importing.source_table import SourceTable
 from trackfg.interchange.importing.stations import bare_unit, place_columns
-from trackfg.interchange.importing.times import is_zone, times_by_keys
+from trackfg.interchange.importing.times.reading import times_by_keys
+from trackfg.interchange.importing.times.zones import is_zone
 from trackfg.io.features import LOCAL
 from trackfg.numerics.chainage.km_notation import metres_of
 
@@ -285,8 +286,8 @@ def _time_zone(proposal: Proposal, tables: Sequence[SourceTable], ask: Ask) -> N
             without.append(part)
     if not without or any("time_zone" in part for part in without):
         return
-    text = "Time zone of the dates, which state none (UTC, Europe/Zurich, ...)"
-    expected = "a zone such as Europe/Zurich"
+    text = "Time zone of the dates, which state none (UTC, Europe/Zurich, ...; GPS: 18 s ahead of UTC)"
+    expected = "a zone such as Europe/Zurich, or GPS"
     zone = asked(ask, Question("time_zone", text, "UTC", accepts=is_zone, expected=expected))
     for part in without:
         part["time_zone"] = zone

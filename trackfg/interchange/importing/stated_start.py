@@ -7,7 +7,7 @@ from datetime import datetime, tzinfo
 from typing import NamedTuple
 
 from trackfg.interchange.importing.source_table import SourceTable
-from trackfg.interchange.importing.times import as_ns
+from trackfg.interchange.importing.times.clock import as_ns
 
 _DATE = re.compile(
     r"\b(?:(?P<y>20\d\d)-(?P<m>\d\d)-(?P<d>\d\d)|(?P<D>\d{1,2})\.(?P<M>\d{1,2})\.(?P<Y>20\d\d))[T,;\t ]{1,3}"

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from trackfg.interchange.importing.times import end_of_range, unwrapped
+from trackfg.interchange.importing.times.counters import end_of_range, unwrapped
 from trackfg.numerics.arrays import Array
 
 _WRAP = 0.8

@@ -21,7 +21,8 @@ from trackfg.interchange.importing.conversion import Imported
 from trackfg.interchange.importing.pulse_levels import are_levels, first_missed, rises
 from trackfg.interchange.importing.source_table import SourceTable
 from trackfg.interchange.importing.sources.text import TextFormat
-from trackfg.interchange.importing.times import TimeNotation, read_times
+from trackfg.interchange.importing.times.notation import TimeNotation
+from trackfg.interchange.importing.times.reading import read_times
 from trackfg.numerics.units import STANDARD_GRAVITY
 from trackfg.recording.model import Recording
 

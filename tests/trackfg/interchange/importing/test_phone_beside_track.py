@@ -13,7 +13,7 @@ from interchange.foreign_forms import START_NS, Drive
 from trackfg.errors import BadInputError
 from trackfg.interchange.importing.conversion import Imported
 from trackfg.interchange.importing.registry import source_format
-from trackfg.interchange.importing.times import states_zone
+from trackfg.interchange.importing.times.zones import states_zone
 from trackfg.recording.model import Recording
 
 Import = Callable[..., Imported]

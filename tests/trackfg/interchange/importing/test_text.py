@@ -23,7 +23,9 @@ from trackfg.interchange.importing.source_table import SourceTable
 from trackfg.interchange.importing.stations import read_stations
 from trackfg.interchange.importing.text_dialect import DialectOptions, dialect_of, first_data_row
 from trackfg.interchange.importing.text_table import read_text
-from trackfg.interchange.importing.times import TimeNotation, read_times, unwrapped
+from trackfg.interchange.importing.times.counters import unwrapped
+from trackfg.interchange.importing.times.notation import TimeNotation
+from trackfg.interchange.importing.times.reading import read_times
 
 sys.path.insert(0, str(Path(__file__).parents[4] / "tools"))
 

@@ -22,7 +22,8 @@ from trackfg.interchange.importing.source_table import SourceTable
 from trackfg.interchange.importing.stations import read_stations
 from trackfg.interchange.importing.text_dialect import is_remark
 from trackfg.interchange.importing.text_table import read_text
-from trackfg.interchange.importing.times import TimeNotation, read_times
+from trackfg.interchange.importing.times.notation import TimeNotation
+from trackfg.interchange.importing.times.reading import read_times
 from trackfg.numerics.units import STANDARD_GRAVITY
 from trackfg.recording.line_kilometrage import LineKilometrage
 from trackfg.recording.model import Recording

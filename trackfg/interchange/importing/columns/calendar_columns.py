@@ -14,8 +14,10 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 
+from trackfg.interchange.importing.columns.column_names import parts_of
+from trackfg.interchange.importing.columns.written_units import factor_of
 from trackfg.interchange.importing.source_table import SourceTable
-from trackfg.interchange.importing.times import are_clock_digits, clock_ns, gps_ns
+from trackfg.interchange.importing.times.numeric_times import are_clock_digits, clock_ns, gps_ns
 
 COMPOSED = "date_and_time_ns"
 """The column that is added: ns since 1970, or of seconds alone since the zero that they count from."""
@@ -39,6 +41,15 @@ _SECOND_NS = 1_000_000_000
 _MILLISECONDS = re.compile(r"(^|[\s_.])(ms|msecs?|millis?|milliseconds?)$", re.IGNORECASE)
 _MILLISECONDS_MOST = 1000
 _WHOLE_SECONDS = r"(.*\D)?\d{1,2}:\d\d:\d\d"
+_UNIX_S = (900_000_000, 4_000_000_000)
+"""Whole seconds that are taken for those since 1970: 1998 to 2096."""
+_DAY_S = 86_400
+_OF_THE_DAY = re.compile(r"of.?(the.?)?day|midnight|mitternacht|tages(zeit|sek)|^(tod|sod)$", re.IGNORECASE)
+"""Names of numbers that count from midnight."""
+_DATE_ALONE = r"\d{4}-\d{1,2}-\d{1,2}|\d{1,2}[./]\d{1,2}[./]\d{4}"
+_OFFSET = r"(?:UTC|GMT)?[+-]\d{2}:?\d{2}"
+_DATE_AND_TIME = r"\d{4}-\d{2}-\d{2}[ T]\d{2}:\d{2}:\d{2}(?:[.,]\d+)?"
+"""A date without an offset, behind which one may stand."""
 _GROWING = 0.99
 """Share of rows that no earlier one follows: seconds of a minute fall in one of 60."""
 
@@ -55,9 +66,10 @@ _FIRST_WEEK, _LAST_WEEK = 960, 4000
 def with_whole_dates(table: SourceTable) -> SourceTable:
     """Return a table with the column :data:`COMPOSED` where it has all parts of a date, else the table as it is.
 
-    Times in text, of whole seconds, get the milliseconds that stand in a column beside them, in place of that column.
+    Times of whole seconds get the milliseconds that stand in a column beside them, and dates the offset from UTC;
+    seconds of the day beside a date become a time of day.
     """
-    table = _with_milliseconds(table)
+    table = _with_offset(_with_clock(_with_milliseconds(table)))
     readings = (read(table) for read in (_of_the_week, _of_the_calendar, _of_serial_days, _of_digits, _of_seconds))
     ns = next((ns for ns in readings if ns is not None), None)
     if ns is None:
@@ -69,8 +81,7 @@ def _with_milliseconds(table: SourceTable) -> SourceTable:
     name = table.name_like(_MILLISECONDS)
     if name is None or not pd.api.types.is_integer_dtype(table.frame[name]):
         return table
-    texts = [column for column in table.columns if pd.api.types.is_string_dtype(table.frame[column])]
-    clock = next((column for column in texts if table.frame[column].str.fullmatch(_WHOLE_SECONDS).all()), None)
+    clock = next((column for column in table.columns if _are_whole_seconds(table.frame[column])), None)
     if clock is None:
         return table
     part, cells = table.frame[name].to_numpy(dtype=np.int64), table.frame[clock]
@@ -78,8 +89,47 @@ def _with_milliseconds(table: SourceTable) -> SourceTable:
     rises = np.diff(part)[same_second] >= 0
     if part.min() < 0 or part.max() >= _MILLISECONDS_MOST or not rises.size or rises.mean() <= _GROWING:
         return table
-    whole = cells + "." + pd.Series(part, index=cells.index).astype("string").str.zfill(3)
-    return replace(table, frame=table.frame.assign(**{clock: whole}).drop(columns=name))
+    if pd.api.types.is_integer_dtype(cells):
+        whole, units = cells * _MILLISECONDS_MOST + part, {**table.units, clock: "ms"}
+    else:
+        whole = cells + "." + pd.Series(part, index=cells.index).astype("string").str.zfill(3)
+        units = dict(table.units)
+    return replace(table, frame=table.frame.assign(**{clock: whole}).drop(columns=name), units=units)
+
+
+def _are_whole_seconds(column: pd.Series) -> bool:
+    """Return whether a column has times in text, or since 1970 in numbers, of whole seconds."""
+    if pd.api.types.is_string_dtype(column):
+        return bool(column.str.fullmatch(_WHOLE_SECONDS).all())
+    return pd.api.types.is_integer_dtype(column) and bool(column.between(*_UNIX_S).all())
+
+
+def _with_clock(table: SourceTable) -> SourceTable:
+    """Return a table with a time of day in text in place of seconds or milliseconds of the day beside a date."""
+    name = table.name_like(_OF_THE_DAY)
+    texts = [column for column in table.columns if pd.api.types.is_string_dtype(table.frame[column])]
+    date = next((column for column in texts if table.frame[column].str.fullmatch(_DATE_ALONE).all()), None)
+    if name is None or date is None or not _are_numbers([table.frame[name]]):
+        return table
+    stated = factor_of(table.units.get(name) or parts_of(name).unit, "time")
+    values = table.numbers(name)
+    seconds = values * (stated or (1.0 if values.max() < _DAY_S else 1e-3))
+    if not ((seconds >= 0.0) & (seconds < _DAY_S)).all():
+        return table
+    clock = pd.to_datetime(np.round(seconds * 1e9).astype(np.int64)).strftime("%H:%M:%S.%f")
+    units = {other: unit for other, unit in table.units.items() if other != name}
+    return replace(table, frame=table.frame.assign(**{name: pd.Series(clock, dtype="string")}), units=units)
+
+
+def _with_offset(table: SourceTable) -> SourceTable:
+    """Return a table whose dates have the offset from UTC that stands in a column beside them, in place of this."""
+    texts = [column for column in table.columns if pd.api.types.is_string_dtype(table.frame[column])]
+    offset = next((column for column in texts if table.frame[column].str.fullmatch(_OFFSET).all()), None)
+    dates = next((column for column in texts if table.frame[column].str.fullmatch(_DATE_AND_TIME).all()), None)
+    if offset is None or dates is None:
+        return table
+    zoned = table.frame[dates] + table.frame[offset].str.replace(r"^(UTC|GMT)", "", regex=True)
+    return replace(table, frame=table.frame.assign(**{dates: zoned}).drop(columns=offset))
 
 
 def parts_of_dates(table: SourceTable) -> set[str]:
@@ -135,7 +185,7 @@ _DATE = re.compile(r"date|datum|\bday$|ddmmyy|yymmdd", re.IGNORECASE)
 _CLOCK = re.compile(r"time|utc|zeit|clock|hhmmss", re.IGNORECASE)
 _ORDERS = ("%d%m%y", "%y%m%d", "%Y%m%d", "%d%m%Y")
 """Orders of a date in digits: NMEA's first. That of America is not taken for one."""
-_DAYS_TO_1970, _DAY_NS = 25_569, 86_400 * _SECOND_NS
+_DAYS_TO_1970, _DAY_NS = 25_569, _DAY_S * _SECOND_NS
 _OLDEST_DAY, _NEWEST_DAY = 38_000, 60_000
 """Days of a spreadsheet, since 1899-12-30, that are taken for dates: 2004 to 2064."""
 _OLDEST_YEAR = 2005

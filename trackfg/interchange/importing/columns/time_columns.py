@@ -14,15 +14,14 @@ from trackfg.interchange.importing.columns.calendar_columns import COMPOSED
 from trackfg.interchange.importing.columns.column_names import meaning, parts_of
 from trackfg.interchange.importing.columns.written_units import factor_of
 from trackfg.interchange.importing.source_table import ROW_NUMBER, SourceTable
-from trackfg.interchange.importing.times import (
+from trackfg.interchange.importing.times.numeric_times import (
     are_clock_digits,
-    are_dates,
-    are_durations,
     are_gps_seconds,
     guessed_unit,
-    states_zone,
     tick_of_dates,
 )
+from trackfg.interchange.importing.times.written_times import are_dates, are_durations
+from trackfg.interchange.importing.times.zones import states_zone
 
 _TIME_UNITS = {1.0: "s", 1e-3: "ms", 1e-6: "us", 1e-9: "ns"}
 _COUNTER = re.compile(r"^(sample|packet|frame|msg|message|seq(uence)?|row|index|idx|nr|no|n|#|record|line|count(er)?|"

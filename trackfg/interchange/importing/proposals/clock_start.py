@@ -11,7 +11,9 @@ from trackfg.errors import BadInputError
 from trackfg.interchange.importing.proposals.questions import Ask, Proposal, Question, asked
 from trackfg.interchange.importing.source_table import SourceTable
 from trackfg.interchange.importing.stated_start import stated_start
-from trackfg.interchange.importing.times import Times, is_zone, times_by_keys
+from trackfg.interchange.importing.times.clock import Times
+from trackfg.interchange.importing.times.reading import times_by_keys
+from trackfg.interchange.importing.times.zones import is_zone
 
 _FIRST_ROWS = 100
 """Rows that show whether a table has dates."""

@@ -13,7 +13,7 @@ from trackfg.interchange.importing.columns.column_names import parts_of
 from trackfg.interchange.importing.columns.written_units import factor_of, unit_in
 from trackfg.interchange.importing.proposals.questions import Ask, Proposal, Question
 from trackfg.interchange.importing.source_table import SourceTable
-from trackfg.interchange.importing.times import times_by_keys
+from trackfg.interchange.importing.times.reading import times_by_keys
 from trackfg.numerics import geodesy
 from trackfg.numerics.units import KMH, KNOT, MPH
 

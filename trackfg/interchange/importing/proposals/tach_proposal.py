@@ -20,7 +20,7 @@ from trackfg.interchange.importing.proposals.questions import Ask, Proposal, Que
 from trackfg.interchange.importing.proposals.receiver_speed_proposal import NAMED_AFTER_RECEIVERS, NOT_MEASURED
 from trackfg.interchange.importing.pulse_levels import are_levels
 from trackfg.interchange.importing.source_table import ROW_NUMBER, SourceTable
-from trackfg.interchange.importing.times import times_by_keys
+from trackfg.interchange.importing.times.reading import times_by_keys
 from trackfg.interchange.importing.wheel_count import unwrapped_count
 from trackfg.numerics.chainage.passes import only_falls
 

@@ -13,7 +13,8 @@ import pandas as pd
 from trackfg.errors import BadInputError
 from trackfg.interchange.importing.columns.time_columns import time_columns, time_unit
 from trackfg.interchange.importing.source_table import SourceTable
-from trackfg.interchange.importing.times import Times, times_by_keys
+from trackfg.interchange.importing.times.clock import Times
+from trackfg.interchange.importing.times.reading import times_by_keys
 
 _PAUSE_S = 2.0
 """A logger may lose samples while it opens the next file, s; runs of their own are further apart."""

@@ -16,7 +16,7 @@ from trackfg.errors import BadInputError
 from trackfg.interchange.importing.columns.column_names import meaning
 from trackfg.interchange.importing.columns.time_columns import time_columns, time_unit
 from trackfg.interchange.importing.source_table import SourceTable
-from trackfg.interchange.importing.times import times_by_keys
+from trackfg.interchange.importing.times.reading import times_by_keys
 
 _ELSEWHERE = 0.1
 """Share of a clock's span by which its rows are at other times than those of the clock beside it, from which on it has

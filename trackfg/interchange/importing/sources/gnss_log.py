@@ -22,7 +22,7 @@ from trackfg.interchange.importing.source_table import SourceTable
 from trackfg.interchange.importing.sources.gpx import TRACK, read_gpx
 from trackfg.interchange.importing.sources.nmea import NmeaEpochs
 from trackfg.interchange.importing.sources.rtklib import SOLUTION, read_rtklib
-from trackfg.interchange.importing.times import as_ns
+from trackfg.interchange.importing.times.clock import as_ns
 
 _WITHOUT_MESSAGE_BYTES = 1_048_576
 """Most bytes of a log between two messages: minutes of corrections (RTCM), which are passed over. Searching so much

@@ -20,7 +20,7 @@ from trackfg.errors import BadInputError, first_line
 from trackfg.files.libraries import library
 from trackfg.interchange.importing.source_format import DialectFor, SourceFormat, refuse_empty, starts_with
 from trackfg.interchange.importing.source_table import SourceTable, column_of, holds_numbers
-from trackfg.interchange.importing.times import as_ns
+from trackfg.interchange.importing.times.clock import as_ns
 
 _FIRST_YEAR = 1990
 """Earlier dates are those of loggers whose clock was not set; MDF is of 1991."""

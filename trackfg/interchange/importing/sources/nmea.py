@@ -23,7 +23,7 @@ from trackfg.interchange.importing.columns.receiver_state import (
     RANGE_SD_M,
     UNKNOWN_HEIGHT_SD_M,
 )
-from trackfg.interchange.importing.times import as_ns
+from trackfg.interchange.importing.times.clock import as_ns
 from trackfg.numerics import geodesy
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.units import KNOT

@@ -15,7 +15,7 @@ import pandas as pd
 
 from trackfg.errors import BadInputError, first_line
 from trackfg.interchange.importing.source_table import SourceTable
-from trackfg.interchange.importing.times import gps_ns
+from trackfg.interchange.importing.times.numeric_times import gps_ns
 
 SOLUTION = ".pos"
 """The suffix of these files."""

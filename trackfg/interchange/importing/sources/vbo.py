@@ -18,7 +18,7 @@ import pandas as pd
 from trackfg.errors import BadInputError, first_line
 from trackfg.interchange.importing.source_format import DialectFor, SourceFormat
 from trackfg.interchange.importing.source_table import SourceTable
-from trackfg.interchange.importing.times import as_ns
+from trackfg.interchange.importing.times.clock import as_ns
 from trackfg.numerics.arrays import Array
 
 _SECTION = re.compile(r"^\[(.+)\]\s*$")

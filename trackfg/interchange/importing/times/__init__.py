@@ -1,0 +1,1 @@
+"""Times of a source become seconds on one clock."""
