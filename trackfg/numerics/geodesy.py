@@ -86,6 +86,12 @@ def geodetic_to_enu(geodetic: Array, origin: Array) -> Array:
     return enu
 
 
+def ecef_to_geodetic(ecef: Array) -> Array:
+    """Convert ECEF, m, to (latitude deg, longitude deg, height m). Shape (..., 3)."""
+    latitude, longitude, height = _geodetic(*np.moveaxis(ecef, -1, 0))
+    return np.stack([np.degrees(latitude), np.degrees(longitude), height], axis=-1)
+
+
 def _geodetic(x: Array, y: Array, z: Array) -> tuple[Array, Array, Array]:
     """Return latitude and longitude, rad, and height, m, of ECEF in m.
 

@@ -7,15 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from trackfg.numerics.arrays import Array
-from trackfg.numerics.geodesy import _geodetic, enu_to_geodetic, geodetic_to_ecef, geodetic_to_enu
+from trackfg.numerics.geodesy import ecef_to_geodetic, enu_to_geodetic, geodetic_to_ecef, geodetic_to_enu
 
 METRES_PER_DEGREE = 111e3
-
-
-def ecef_to_geodetic(ecef: Array) -> Array:
-    latitude, longitude, height = _geodetic(*np.moveaxis(ecef, -1, 0))
-    return np.stack([np.degrees(latitude), np.degrees(longitude), height], axis=-1)
 
 
 @given(st.floats(-89.0, 89.0), st.floats(-179.9, 179.9), st.floats(-500.0, 9000.0))

@@ -291,7 +291,12 @@ def _time_zone(proposal: Proposal, tables: Sequence[SourceTable], ask: Ask) -> N
     zone = asked(ask, Question("time_zone", text, "UTC", accepts=is_zone, expected=expected))
     for part in without:
         part["time_zone"] = zone
-    proposal.reasons["imu.time_zone"] = "the dates state none"
+    of_gps = next((name for part in without for name in np.atleast_1d(part["time"]) if "gps" in name.casefold()), None)
+    if of_gps is not None and zone == "UTC":
+        hint = f'{of_gps} may be that of GPS, 18 s ahead of UTC: state time_zone = "GPS" then'
+        proposal.reasons["imu.time_zone"] = f"the dates state none. Hint: {hint}"
+    else:
+        proposal.reasons["imu.time_zone"] = "the dates state none"
 
 
 def _vehicle(proposal: Proposal, ask: Ask) -> None:

@@ -17,7 +17,7 @@ import numpy as np
 from pydantic import Field
 
 from trackfg.errors import BadInputError
-from trackfg.interchange.importing.columns.column_names import meaning
+from trackfg.interchange.importing.columns.column_names import in_one_level, meaning
 from trackfg.interchange.importing.columns.written_units import QUANTITIES, Quantity, factor_of, number_and_unit
 from trackfg.numerics.chainage.km_notation import metres_of
 from trackfg.recording.strict_model import Model
@@ -48,9 +48,9 @@ _TEMPORAL = re.compile(r"(-?\d+ days?,? \+?)?\d{1,4}[-./:]\d{1,2}([-./:T ]\d{1,4
 
 It has at most one comma, before decimals; other signs and words begin a new cell.
 """
+_LISTED = re.compile(r"[\[(][\s\d.,;eE+-]+[\])]$")
+"""Numbers in brackets, as lists are written."""
 _WORD = re.compile(r"[^\W\d_]{3}")
-_FIRST_OF_ARRAY = "[0]"
-"""What the name of an array's first column ends in: numbers in brackets are then no units."""
 _IN_BRACKETS = re.compile(r"^(.*\S)\s*[\[(]\s*([^\[\]()]*)\s*[\])]$")
 _UNIT_WORD = re.compile(
     r"-|1|%|v|mv|hz|deg ?c|°?c|k|[hm]?pa|m?bar|u?t|a\.?u\.?|counts?|pulses?|ticks?|imp\.?|lsb|raw|rps|utc|gps|date|"
@@ -66,6 +66,8 @@ _MOST_SUMMARY_ROWS = 20
 _MARKS = "#%/!* "
 """What a line that is a remark to its reader begins with: the header is often one."""
 _REMARK = re.compile(r"#|%|//|!|\*\*")
+_RULE = re.compile(r"[-+=|: ]*(---|===)[-+=|: ]*|\(?\d+ rows?( in set.*)?\)?")
+"""A line that rules off a table, or says how many rows it has, as databases print it."""
 _AXES = ("x", "y", "z")
 _AFTER_COMMA = re.compile(r"^(.*\S),\s*(\S+)$")
 """A name with its unit behind a comma, as after ISO 80000: ``Speed, km/h``."""
@@ -228,6 +230,8 @@ def is_remark(line: str, delimiter: str) -> bool:
     """Return whether a line among the data is a remark: one marked as such, or one cell that begins with a word."""
     if not line.isprintable():
         return False
+    if _RULE.fullmatch(line.strip()):
+        return True
     filled = [cell for cell in cells(line, delimiter) if cell]
     return len(filled) > 0 and bool(_REMARK.match(filled[0]) or (len(filled) == 1 and _WORD.match(filled[0])))
 
@@ -329,7 +333,7 @@ def _plain_share(rows: list[list[str]], width: int) -> float:
 @lru_cache(maxsize=1 << 16)
 def _is_value(cell: str) -> bool:
     cell = cell.strip('"')
-    if cell.casefold() in _EMPTY or any(pattern.match(cell) for pattern in (_NUMBER, _TEMPORAL)):
+    if cell.casefold() in _EMPTY or any(pattern.match(cell) for pattern in (_NUMBER, _TEMPORAL, _LISTED)):
         return True
     return metres_of(cell) is not None or number_and_unit(cell) is not None
 
@@ -402,8 +406,8 @@ def header_of(
         names[i : i + 3] = [f"{sensor} {axis}" for axis in _AXES]
         stated |= {j: stated[i] for j in (i + 1, i + 2) if i in stated and j not in stated}
     named, taken = [], dict[str, int]()
-    arrays = {name.removesuffix(_FIRST_OF_ARRAY) for name in names if name.endswith(_FIRST_OF_ARRAY)}
-    for i, name in enumerate(names):
+    arrays = _arrays(names)
+    for i, name in enumerate(map(in_one_level, names)):
         plain, unit = in_brackets(name)
         if unit and i not in stated and not (plain in arrays and unit.isdigit()):
             name, stated[i] = plain, unit
@@ -411,6 +415,12 @@ def header_of(
         taken[name] = taken.get(name, 0) + 1
         named.append(name if taken[name] == 1 else f"{name}.{taken[name]}")
     return tuple(named), {named[i]: unit for i, unit in stated.items() if i < width}
+
+
+def _arrays(names: list[str]) -> set[str]:
+    """Return the names before numbers in brackets that are those of several columns."""
+    stems = [match[1].strip() for name in names if (match := _IN_BRACKETS.match(name)) and match[2].strip().isdigit()]
+    return {stem for stem in stems if stems.count(stem) > 1}
 
 
 def _fitted(row: list[str], width: int, data: list[list[str]]) -> list[str]:

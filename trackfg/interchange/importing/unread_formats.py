@@ -59,6 +59,16 @@ _BY_CONTENT: tuple[tuple[re.Pattern[bytes], str, str], ...] = (
         "a log of raw CAN frames, of PEAK (.trc)",
         "python-can and cantools decode it to CSV, or asammdf to MDF",
     ),
+    (
+        re.compile(rb"CDF[\x01\x02\x05]"),
+        "a file of classic netCDF",
+        "nccopy -k netCDF-4 OLD.nc NEW.nc (netcdf-bin) writes one that is read",
+    ),
+    (
+        re.compile(rb"header:\s*\n\s+(seq|stamp):"),
+        "a text of messages of ROS, of ros2 topic echo",
+        "record a bag, ros2 bag record TOPIC ..., and import that",
+    ),
     (re.compile(rb"SQLite format 3\x00"), "a SQLite database", "give it the suffix .db or .sqlite"),
     (re.compile(rb"PAR1"), "a Parquet file", "give it the suffix .parquet"),
     (re.compile(rb"\x28\xb5\x2f\xfd"), "a file compressed by Zstandard", "unpack it: zstd -d"),

@@ -11,6 +11,7 @@ import re
 from dataclasses import dataclass
 from typing import Literal
 
+from trackfg.interchange.importing.columns.written_units import factor_of
 from trackfg.interchange.importing.geometry_reading import KNOWN_COLUMNS
 from trackfg.numerics.units import KMH, MPH
 
@@ -76,6 +77,8 @@ def channel_of(name: str, unit: str = "") -> Channel | None:
     deviation = re.search(_DEVIATION, folded) is not None
     unit = _unit(name, unit)
     factor = _UNITS.get(quantity, _LENGTHS).get(unit)
+    if factor is None and quantity not in _UNITS and (metres := factor_of(unit, "length")) is not None:
+        factor = 1000.0 * metres  # of a count: 0.1 mm
     if factor is None or (deviation and quantity in ("cross_level", "twist", "curvature", "gradient")):
         return None
     band = _BAND.search(folded)

@@ -53,7 +53,7 @@ _DATE_AND_TIME = r"\d{4}-\d{2}-\d{2}[ T]\d{2}:\d{2}:\d{2}(?:[.,]\d+)?"
 _GROWING = 0.99
 """Share of rows that no earlier one follows: seconds of a minute fall in one of 60."""
 
-_WEEK = re.compile(r"(^|[\s_.]|gps)week(.?(no|num|number))?$", re.IGNORECASE)
+_WEEK = re.compile(r"(^|[\s_.]|gps)(week|wnc?)(.?(no|num|number))?$", re.IGNORECASE)
 _TIME_OF_WEEK = re.compile(
     r"(^|[\s_.]|gps)(i?tow|sow)(_?m?s)?$|(time|seconds?).?of.?week|(week|gps).?(s|sec|seconds?|ms|time)$",
     re.IGNORECASE,

@@ -18,8 +18,10 @@ from trackfg.interchange.importing.columns.column_names import (
     names_axis_in_words,
     parts_of,
 )
+from trackfg.interchange.importing.columns.time_columns import stated_rate_hz, time_columns, time_unit
 from trackfg.interchange.importing.columns.written_units import Quantity, factor_of, usual_name
 from trackfg.interchange.importing.source_table import SourceTable
+from trackfg.interchange.importing.times.reading import times_by_keys
 from trackfg.numerics.chainage.km_notation import is_metres, metres_of
 from trackfg.numerics.units import KMH, MPH, STANDARD_GRAVITY
 
@@ -29,8 +31,10 @@ QUANTITY_OF: dict[str, Quantity] = {"gyro": "angular rate", "accel": "accelerati
 """What a sensor measures, and below what its increments per sample are."""
 INCREMENT_OF: dict[str, Quantity] = {"gyro": "angle", "accel": "speed", "free_accel": "speed"}
 
-_INCREMENT = re.compile(r"^d_?(theta|vel|v(?![a-z]))|delta|incr", re.IGNORECASE)
+_INCREMENT = re.compile(r"^d_?(theta|vel|v(?![a-z]))|delta|inc(?=$|r|[\s_.\[(])", re.IGNORECASE)
 """What the name of an increment per sample begins with or contains."""
+_INCREMENT_UNIT = "m/s"
+"""Unit of an accelerometer whose samples are as large as gravity times their interval: nothing else is."""
 _BARE = re.compile(r"(axis|achse)?[\s_]*[xyz][\s_]*(axis|achse|value|wert)?", re.IGNORECASE)
 """Names of columns that say their axis alone."""
 _NUMBERED = re.compile(r"(?P<stem>.*?)[\s_]?[\[(]?(?P<number>\d)[\])]?")
@@ -238,8 +242,7 @@ def _unit(table: SourceTable, columns: tuple[str, str, str], kind: InertialKind)
         return next((scale for scale in _scales(table) if factor_of(scale, "angular rate") is not None), ""), False
     if _RATE.search(stated):
         return "", False  # one that is not known: motion cannot distinguish a gon from a degree
-    fast = float(np.quantile(np.abs(values), 0.99)) > _FASTEST_TURN_DEG
-    return ("deg/s" if fast else "rad/s"), False
+    return ("deg/s" if _turns_fast(values) else "rad/s"), False
 
 
 def _unit_by_gravity(table: SourceTable, values: np.ndarray) -> tuple[str, bool]:
@@ -252,7 +255,44 @@ def _unit_by_gravity(table: SourceTable, values: np.ndarray) -> tuple[str, bool]
     nearest = min(candidates, key=lambda unit: abs(np.log(ratios[unit])))
     if _GRAVITY_BAND[0] < ratios[nearest] < _GRAVITY_BAND[1]:
         return nearest, True
-    return (f"{1000.0 / size:.6g} mg", False) if _are_counts(values) else ("", False)
+    if _are_counts(values):
+        return f"{1000.0 / size:.6g} mg", False
+    interval = _interval_s(table)
+    of_increments = interval is not None and _GRAVITY_BAND[0] < size / (STANDARD_GRAVITY * interval) < _GRAVITY_BAND[1]
+    return (_INCREMENT_UNIT, True) if of_increments else ("", False)
+
+
+def _interval_s(table: SourceTable) -> float | None:
+    """Return the usual interval of a table's rows, s; None where it has no times and states no sampling rate."""
+    columns = time_columns(table)
+    if columns is None:
+        rate = stated_rate_hz(table)
+        return None if rate is None else 1.0 / rate
+    try:
+        times = times_by_keys(table, {"time": columns, **time_unit(table, columns)})
+    except BadInputError:
+        return None
+    return float(np.median(np.diff(times.since(times.first_ns)))) if len(table.frame) > 1 else None
+
+
+def _turns_fast(rates: np.ndarray) -> bool:
+    """Return whether rates (3, n) are too fast to be rad/s of a rail vehicle."""
+    return float(np.quantile(np.abs(rates), 0.99)) > _FASTEST_TURN_DEG
+
+
+def unit_of_turns(triple: Triple) -> str:
+    """Return the probable unit of a gyro's increments per sample."""
+    return "deg" if _turns_fast(triple.values() / (_interval_s(triple.table) or 1.0)) else "rad"
+
+
+def are_increments(triple: Triple) -> bool:
+    """Return whether columns of an accelerometer are changes of velocity from sample to sample."""
+    return bool(triple.unit) and factor_of(triple.unit, INCREMENT_OF["accel"]) is not None
+
+
+def is_called_increment(triple: Triple) -> bool:
+    """Return whether the names of columns are those of increments per sample."""
+    return _INCREMENT.search(triple.columns[0]) is not None
 
 
 def _are_counts(values: np.ndarray) -> bool:

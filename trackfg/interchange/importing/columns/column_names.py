@@ -39,15 +39,18 @@ _PATTERNS = {
         r"gyr|\bgiro|omega|ang(ular)?[\s_]*(vel|rate|speed)|vitesse.(ang|de.rot)|veloc\w*.ang|углов\w* скорост|"
         r"drehrate|rot(ation)?.?rate|"
         r"turn.?rate|^rate\b|\brates?$|(roll|pitch|yaw).?(rate|vel)|(wank|nick|gier).?(rate|geschw)|dtheta|"
-        r"delta.?(theta|ang)|角速度|陀螺"
+        r"delta.?(theta|ang)|\binc\w*.?ang|ang\w*.?inc(?!l)|角速度|陀螺"
     ),
-    "accel": r"acc(?!ur)|g.?force|beschl|acel|specific.?force|dvel|delta.?v|加速度|ускорен|^load.?factor",
+    "accel": (
+        r"acc(?!ur)|g.?force|beschl|acel|specific.?force|dvel|delta.?v|\bdv\b|\binc\w*.?vel|"
+        r"vel\w*.?inc(?!l)|加速度|ускорен|^load.?factor"
+    ),
     "speed": (
         r"speed|\bspd\b|geschw|veloc|vitesse|twist.*linear\.x|^v$|^v[\s_\[(]|kmh|km/h|nopeus|скорост|速度|车速|^vel$|"
         r"hastighe[td]|snelheid|rychlost|pr[eę]dko[sś][cć]"
     ),
     "count": (
-        r"pulse|impuls|^(?!.*(packet|sample|frame|sat|error|message|msg|seq)).*count|"
+        r"pulse|impuls|^(?!.*(packet|sample|frame|sat|error|message|msg|seq|imu)).*count|"
         r"ticks|in[ck]rement|\benc(oder)?\b|encoder|drehgeber|tacho|zähl"
     ),
     "distance": r"odo|dist|^weg|wegstrecke|mileage|走行距離|пробег",
@@ -68,7 +71,7 @@ _PATTERNS = {
     "sd_horizontal": r"h(or\w*)?[ _]?acc|horizontal.?accuracy|^((gps|gnss|location)[ _])?accuracy|sd[ _]?[neh]\b",
     "sd_vertical": r"v(er\w*)?[ _]?acc\b|vertical.?accuracy|altitude.?accuracy|sd[ _]?[uv]\b",
     "time": (
-        r"^t$|^t (imu|gyro?|acc\w*|wheel|rad|tach\w*|odo\w*|enc\w*|speed|gps|gnss|pos\w*)$|"
+        r"^t$|^[mu]s(ec)?$|^t (imu|gyro?|acc\w*|wheel|rad|tach\w*|odo\w*|enc\w*|speed|gps|gnss|pos\w*)$|"
         r"time|zeit|uhr|datum|(?<!up)date|horodat|врем|utc|stamp|elapsed|epoch|heure|se[ck](ond|unde)?[sn]?$|^ts$|^gpst$|\btow\b|\bso[wd]$|"
         r"seconds? of (the )?(day|week)$|"
         r"時刻|時間|时间|tiempo|^temps|hora|^aika|^tid$|^tijd|^czas|^clock$|^millis|^micros"
@@ -76,6 +79,8 @@ _PATTERNS = {
 }
 """In the order in which they are tried. English, German, some other languages; anything else has to be stated."""
 _INERTIAL = ("gyro", "accel", "free_accel")
+_LEVELS, _LEVEL = re.compile(r"\('.*'\)"), re.compile(r"'([^']*)'")
+"""A name of several levels, ``('gyro', 'x')``, as pandas writes it, and one of them."""
 _COMPACT = {"gyro": re.compile(r"\b[gw] ?[xyz]\b"), "accel": re.compile(r"\b(gf|[abf]) ?[xyz]\b")}
 """Letters with an axis that stand for a quantity where no word does."""
 
@@ -95,6 +100,11 @@ class ColumnName(NamedTuple):
     words: str
     axis: str | None
     unit: str
+
+
+def in_one_level(name: str) -> str:
+    """Return a name of several levels as words, another one as it is."""
+    return " ".join(_LEVEL.findall(name)).strip() if _LEVELS.fullmatch(name) else name
 
 
 @lru_cache(maxsize=4096)

@@ -97,7 +97,7 @@ _PATTERNS: dict[Quantity, tuple[tuple[re.Pattern[str], dict[str, float], int], .
     "time": ((re.compile(rf"{_PREFIX}\s?(?P<unit>{_words(_TIMES)})s?"), _TIMES, 0),),
     "frequency": (),
 }
-_NUMBER = re.compile(r"(?P<number>-?\d+(?:\.\d*)?(?:e[+-]?\d+)?)\s?[*x]?\s?(?P<rest>\D.*)")
+_NUMBER = re.compile(r"(?P<number>-?\d+(?:[.,]\d*)?(?:e[+-]?\d+)?)\s?[*x]?\s?(?P<rest>\D.*)")
 _COUNT = re.compile(r"\s?(?:/|per)\s?(?:lsb|counts?|digits?|bits?|ticks?|increments?)$")
 """What a sample's last bit is called: ``mg/LSB``."""
 
@@ -120,7 +120,7 @@ def factor_of(text: str, quantity: Quantity) -> float | None:
     unit = _folded(text)
     if unit not in _NAMED[quantity] and (match := _NUMBER.fullmatch(unit)):
         factor = _plain_factor(match["rest"], quantity)
-        return None if factor is None else float(match["number"]) * factor
+        return None if factor is None else float(match["number"].replace(",", ".")) * factor
     return _plain_factor(unit, quantity)
 
 
@@ -131,8 +131,20 @@ _PLAIN = str.maketrans(
 """Signs, and the Cyrillic letters of units: ``м/с²``, ``км/ч``, ``рад/с``, ``град/с``."""
 
 
+_DAMAGED = (
+    *(("ådeg", "deg"), ("âdeg", "deg"), ("â2", "2")),
+    *(("ø", "deg"), ("¡", "deg"), ("ý", "2")),
+    ("\ufffd/", "deg/"),
+)
+"""Signs of a degree and of a square that were read in another encoding than they were written in: UTF-8 as Windows-1252
+has an Â before them, DOS has ø and ý, an old Macintosh ¡. Of a sign that is lost before a slash only a degree is left.
+"""
+
+
 def _folded(text: str) -> str:
     unit = text.strip().strip("[](){}<>").strip().casefold().translate(_PLAIN)
+    for damaged, sign in _DAMAGED:
+        unit = unit.replace(damaged, sign)
     return unit.replace("**", "^").replace("sec2", "s2")
 
 
@@ -184,7 +196,7 @@ def unit_in(text: str, quantity: Quantity) -> str | None:
     """Return the unit of that quantity which a name ends in or has apart (``speed_kmh``, ``km/h front``); else None."""
     if factor_of(text, quantity) is not None:
         return usual_name(text.strip(), quantity)
-    words = [word for word in re.split(r"[\s_()\[\],;:]+", text) if word]
+    words = [word for word in re.split(r"[\s_()\[\];:]+|(?<!\d),|,(?!\d)", text) if word]
     ends = ["".join(words[-2:]), *words[::-1]] if len(words) > 1 else []
     unit = next((word for word in ends if factor_of(word, quantity) is not None), None)
     if unit is None and (match := re.search(r"(?<=[a-z])_?(kmh|kph|mph|mps|dps|knots?|kts)$", text.casefold())):

@@ -34,6 +34,8 @@ _CANDIDATES: dict[str, tuple[Quantity, tuple[str, ...]]] = {
 km/h. It cannot distinguish a knot from a mile per hour,
 since gradients and a sensor's tilt falsify it by some percent: a wheel's speed is in neither knots nor feet per second.
 For a receiver's speed its positions decide."""
+_ANGLES = ("rad", "deg")
+"""Units of a gyro's increments."""
 _LENGTHS = ("m", "km", "ft", "mm", "cm", "mi")
 _MOST_EMPTY = 10
 """Times the samples at their usual interval: a longer span is nearly all a gap, where a clock has jumped. Then only
@@ -158,7 +160,11 @@ def _settle_rate(proposal: Proposal, estimates: Estimates) -> None:
 
 
 def _candidates(key: str, part: dict[str, Any]) -> tuple[Quantity, tuple[str, ...]]:
-    return ("length", _LENGTHS) if part.get("kind") == "distance" else _CANDIDATES[key]
+    if part.get("kind") == "distance":
+        return "length", _LENGTHS
+    if key == "imu.gyro_unit" and factor_of(part["gyro_unit"], "angle") is not None:
+        return "angle", _ANGLES
+    return _CANDIDATES[key]
 
 
 def _rescale(proposal: Proposal, key: str, slope: float, reason: str) -> bool:

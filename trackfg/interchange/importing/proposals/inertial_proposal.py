@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import takewhile
 from typing import Any
 
@@ -14,14 +15,17 @@ from trackfg.interchange.importing.columns.column_meaning import (
     QUANTITY_OF,
     InertialKind,
     Triple,
+    are_increments,
     has_gravity,
+    is_called_increment,
     keeps_gravity,
     kind_in,
     nameless_triples,
     triple_of,
     triples,
+    unit_of_turns,
 )
-from trackfg.interchange.importing.columns.column_names import meaning, parts_of
+from trackfg.interchange.importing.columns.column_names import meaning, names_axis_in_words, parts_of
 from trackfg.interchange.importing.columns.plan_columns import plan_columns
 from trackfg.interchange.importing.proposals.questions import Ask, Proposal, Question, asked, asked_unit
 from trackfg.interchange.importing.source_table import SourceTable
@@ -43,6 +47,9 @@ _SECOND_CHOICE = re.compile(
 """Names of columns that another sensor, or the same one, has better: filtered ones, which lack the short waves of the
 track, and those of a range for shocks, which are noisy.
 """
+_KNOWN_AXES = {re.compile(r"corrimu", re.IGNORECASE): "FRU"}
+"""Axes of columns in a table of that name, as words for x, y and z. NovAtel's pitch rate and lateral acceleration are
+about and along the axis to the right (OEM7 Commands and Logs Reference Manual, CORRIMUDATA)."""
 _NAMED_TABLES = 8
 """Tables that a message names."""
 
@@ -69,6 +76,7 @@ def propose_imu(proposal: Proposal, tables: Sequence[SourceTable], ask: Ask) -> 
                 if kind_in(table, name) in QUANTITY_OF:
                     table.numbers(name)  # one of text is why they are not found
         raise BadInputError(_not_found(lacking, tables))
+    gyro = _as_its_accelerometer(gyro, accel)
     section: dict[str, Any] = {"file": gyro.table.name}
     if not _same_rows(gyro, accel):
         section["file"] = [gyro.table.name, accel.table.name]
@@ -76,7 +84,24 @@ def propose_imu(proposal: Proposal, tables: Sequence[SourceTable], ask: Ask) -> 
     for key, triple in (("gyro", gyro), ("accel", accel)):
         section[key] = list(triple.columns)
         section[f"{key}_unit"] = _unit(proposal, triple, key, ask)
+    axes = next((axes for pattern, axes in _KNOWN_AXES.items() if pattern.search(gyro.table.name)), None)
+    if axes is not None and names_axis_in_words(gyro.columns[0]):
+        section["axes"] = axes
+        proposal.reasons["imu.axes"] = "those of the message after which the table is named"
     proposal.sections["imu"] = section
+
+
+def _as_its_accelerometer(gyro: Triple, accel: Triple) -> Triple:
+    """Return a gyro whose unit is not stated as one of increments where its accelerometer's samples are such, and both
+    are called so or neither is.
+
+    One that alone is called so has no unit that is sure.
+    """
+    if gyro.known or gyro.table.name != accel.table.name:
+        return gyro
+    if is_called_increment(gyro) == is_called_increment(accel):
+        return replace(gyro, unit=unit_of_turns(gyro)) if are_increments(accel) else gyro
+    return replace(gyro, unit="") if is_called_increment(gyro) else gyro
 
 
 def _not_found(lacking: Sequence[str], tables: Sequence[SourceTable]) -> str:

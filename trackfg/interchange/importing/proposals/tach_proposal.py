@@ -18,6 +18,7 @@ from trackfg.interchange.importing.columns.time_columns import is_sample_counter
 from trackfg.interchange.importing.columns.written_units import factor_of, unit_in
 from trackfg.interchange.importing.proposals.questions import Ask, Proposal, Question, asked_number, asked_unit
 from trackfg.interchange.importing.proposals.receiver_speed_proposal import NAMED_AFTER_RECEIVERS, NOT_MEASURED
+from trackfg.interchange.importing.proposals.stated_wheel import stated_diameter, stated_pulses
 from trackfg.interchange.importing.pulse_levels import are_levels
 from trackfg.interchange.importing.source_table import ROW_NUMBER, SourceTable
 from trackfg.interchange.importing.times.reading import times_by_keys
@@ -53,15 +54,18 @@ def propose_tach(proposal: Proposal, tables: Sequence[SourceTable], ask: Ask) ->
                 _give_reason(proposal, table, name)
             section: dict[str, Any] = {"file": table.name, **proposal.times_of(table, ask), "column": name}
             if kind == "count":
-                section |= _pulses(f"in {name}", ask)
+                section |= _pulses(f"in {name}", tables, ask)
                 section |= _of_falls(proposal, table, section)
             elif kind == "pulse rate":
-                section |= _pulses(f"counted in {name}", ask) | {"kind": "speed", "unit": _stated_unit(table, name)}
+                section |= _pulses(f"counted in {name}", tables, ask) | {
+                    "kind": "speed",
+                    "unit": _stated_unit(table, name),
+                }
             elif kind == "distance":
                 section |= {"kind": "distance", "unit": _unit_of(proposal, table, name, "length", ask)}
                 section |= _of_falls(proposal, table, section)
             else:
-                section |= _speed(proposal, table, name, ask)
+                section |= _speed(proposal, table, name, ask, stated_diameter(tables))
             proposal.sections["tach"] = section
             return
     _propose_times_of_pulses(proposal, tables, ask)
@@ -138,11 +142,11 @@ def _stated_unit(table: SourceTable, name: str) -> str:
     return table.units.get(name) or parts_of(name).unit or name.rpartition(" ")[2]
 
 
-def _pulses(which: str, ask: Ask) -> dict[str, Any]:
-    """Return the keys of pulses and of the wheel that gives them."""
+def _pulses(which: str, tables: Sequence[SourceTable], ask: Ask) -> dict[str, Any]:
+    """Return the keys of pulses and of the wheel that gives them, by default as lines above the tables state them."""
     text = f"Pulses per turn of the wheel, {which}"
-    pulses = asked_number(ask, "tach.pulses_per_rev", text, "")
-    return {"kind": "pulses", "pulses_per_rev": pulses, "wheel_diameter_m": _diameter(ask)}
+    pulses = asked_number(ask, "tach.pulses_per_rev", text, stated_pulses(tables))
+    return {"kind": "pulses", "pulses_per_rev": pulses, "wheel_diameter_m": _diameter(ask, stated_diameter(tables))}
 
 
 def _propose_times_of_pulses(proposal: Proposal, tables: Sequence[SourceTable], ask: Ask) -> None:
@@ -154,9 +158,8 @@ def _propose_times_of_pulses(proposal: Proposal, tables: Sequence[SourceTable], 
         if not times or values or not named:
             continue
         clock = proposal.times_of(table, beside=proposal.clock_of_imu(tables))
-        proposal.sections["tach"] = {
-            "file": table.name, **clock, "column": ROW_NUMBER, **_pulses(f"of which {table.name} has the times", ask)
-        }  # fmt: skip
+        pulses = _pulses(f"of which {table.name} has the times", tables, ask)
+        proposal.sections["tach"] = {"file": table.name, **clock, "column": ROW_NUMBER, **pulses}
         proposal.reasons["tach.column"] = f"{table.name} has times alone: each row is a pulse"
         return
 
@@ -228,16 +231,16 @@ def _is_scalar(table: SourceTable, name: str) -> bool:
     return is_number and not (is_others or has_axes_beside(table, name) or is_sample_counter(table, name))
 
 
-def _diameter(ask: Ask) -> float:
-    return asked_number(ask, "tach.wheel_diameter_m", "Wheel diameter, m", "0.92")
+def _diameter(ask: Ask, stated: str) -> float:
+    return asked_number(ask, "tach.wheel_diameter_m", "Wheel diameter, m", stated or "0.92")
 
 
-def _speed(proposal: Proposal, table: SourceTable, name: str, ask: Ask) -> dict[str, Any]:
-    """Return the keys of a speed, or of turns of the wheel."""
+def _speed(proposal: Proposal, table: SourceTable, name: str, ask: Ask, diameter: str) -> dict[str, Any]:
+    """Return the keys of a speed, or of turns of the wheel, whose stated ``diameter`` is the default."""
     section: dict[str, Any] = {"kind": "speed"}
     stated = _stated_unit(table, name)
     if factor_of(stated, "angular rate") is not None:
-        section |= {"unit": stated, "wheel_diameter_m": _diameter(ask)}
+        section |= {"unit": stated, "wheel_diameter_m": _diameter(ask, diameter)}
     else:
         section["unit"] = _unit_of(proposal, table, name, "speed", ask)
     if np.nanmin(table.numbers(name)) < 0.0:

@@ -13,7 +13,7 @@ from trackfg.interchange.importing.columns.time_columns import time_columns
 from trackfg.interchange.importing.source_table import SourceTable, column_of, holds_numbers
 
 _FEWEST_ROWS = 2
-_RATE = re.compile(r"^(fs|f_?s(ample)?|sampl\w*[ _]?(rate|freq\w*)|rate|srate)([ _]?hz)?$", re.IGNORECASE)
+RATE = re.compile(r"^(fs|f_?s(ample)?|sampl\w*[ _]?(rate|freq\w*)|rate|srate)([ _]?hz)?$", re.IGNORECASE)
 """Names of a number that is the sampling rate, Hz."""
 
 
@@ -67,7 +67,7 @@ def _columns(leaf: str, array: np.ndarray | pd.Series) -> Mapping[str, np.ndarra
 def _rates(arrays: Mapping[str, Any]) -> Iterator[str]:
     for path, value in arrays.items():
         leaf, number = path.rpartition("/")[2], np.asarray(value)
-        if _RATE.match(leaf) and number.size == 1 and number.dtype.kind in "iuf":
+        if RATE.match(leaf) and number.size == 1 and number.dtype.kind in "iuf":
             yield f"sampling rate: {float(number.ravel()[0]):g} Hz"
 
 

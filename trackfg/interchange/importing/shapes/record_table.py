@@ -13,6 +13,8 @@ from trackfg.interchange.importing.source_table import SourceTable
 
 _DEPTH = 4
 """Records are nested no deeper."""
+_GEOJSON = ("longitude", "latitude", "height")
+"""Coordinates of a point of GeoJSON, in this order (RFC 7946, section 3.1.1)."""
 _AXES = 6
 """Axes of gyro and accelerometer: fewer lists beside each other are matrices, quaternions and the like."""
 
@@ -80,7 +82,11 @@ def _nth(value: Any, i: int, count: int, depth: int) -> Any:
 def _cells(record: dict[str, Any], prefix: str, depth: int) -> Iterator[tuple[str, Any]]:
     for key, value in record.items():
         path = f"{prefix}{key}"
-        if isinstance(value, dict) and depth:
+        if isinstance(value, dict) and value.get("type") == "Point" and isinstance(value.get("coordinates"), list):
+            yield from (
+                (f"{path}.{part}", number) for part, number in zip(_GEOJSON, value["coordinates"], strict=False)
+            )
+        elif isinstance(value, dict) and depth:
             yield from _cells(value, f"{path}.", depth - 1)
         elif isinstance(value, list) and len(value) == 3:
             yield from ((f"{path}.{axis}", part) for axis, part in zip("xyz", value, strict=True))

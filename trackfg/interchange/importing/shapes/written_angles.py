@@ -21,7 +21,7 @@ _HEMISPHERES = {"latitude": "NS", "longitude": "EW"}
 _NUMBER = r"\d+(?:[.,]\d*)?"
 _ANGLE = (
     rf"^(?P<before>[NSEW])?\s*(?P<sign>[+\-\u2212])?\s*(?P<deg>{_NUMBER})\s*(?:[°ºd:]|deg)?\s*"
-    rf"(?:(?P<min>{_NUMBER})\s*['\u2032m:]?\s*)?(?:(?P<sec>{_NUMBER})\s*(?:[\"\u2033s]|'')?\s*)?(?P<behind>[NSEW])?$"
+    rf"(?:(?<![\d.,])(?P<min>{_NUMBER})\s*['\u2032m:]?\s*)?(?:(?<![\d.,])(?P<sec>{_NUMBER})\s*(?:[\"\u2033s]|'')?\s*)?(?P<behind>[NSEW])?$"
 )
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import re
+import importlib
 import sqlite3
 from collections.abc import Iterator
 from contextlib import closing
@@ -17,11 +17,13 @@ import pyarrow.feather
 import pyarrow.parquet
 
 from trackfg.errors import BadInputError
+from trackfg.interchange.importing.columns.column_names import in_one_level
 from trackfg.interchange.importing.shapes.array_tables import tables_of_arrays
 from trackfg.interchange.importing.source_format import readable, starts_with
 from trackfg.interchange.importing.source_table import SourceTable
 
-ARROW_SUFFIXES = (".parquet", ".pq", ".feather", ".arrow", ".ipc")
+_ORC = ".orc"
+ARROW_SUFFIXES = (".parquet", ".pq", ".feather", ".arrow", ".ipc", _ORC)
 SQLITE_SUFFIXES = (".db", ".sqlite", ".sqlite3")
 ARRAY_SUFFIXES = (".npy", ".npz", ".mat")
 
@@ -33,16 +35,12 @@ _ROWS_AT_ONCE = 50_000
 """Rows of a database that are turned into columns at a time: as Python's numbers they are four times as large."""
 
 
-_LEVELS, _LEVEL = re.compile(r"\('.*'\)"), re.compile(r"'([^']*)'")
-"""A name of several levels, ``('gyro', 'x')``, as pandas writes it, and one of them."""
-
-
 def read_arrow(path: Path) -> list[SourceTable]:
     """Read a Parquet, Feather or Arrow file, a column at a time. Raises :class:`BadInputError` where it is none."""
     units, columns, notes = {}, {}, []
     plain = (part for whole in _arrow_columns(path) for part in _without_nesting(*whole))
     for written, column in plain:
-        name = " ".join(_LEVEL.findall(written)).strip() if _LEVELS.fullmatch(written) else written
+        name = in_one_level(written)
         if pa.types.is_timestamp(column.type):
             if column.type.tz is None:
                 notes.append(f"{path.name}: times of {name} state no zone: they are taken as UTC")
@@ -63,6 +61,9 @@ def _arrow_columns(path: Path) -> Iterator[tuple[str, pa.ChunkedArray]]:
                 for name in file.schema_arrow.names:
                     part = file.read(columns=[name], use_threads=False)
                     yield name, part.column(part.schema.get_all_field_indices(name)[-1])  # the last of that name
+        elif path.suffix.casefold() == _ORC:
+            table = importlib.import_module("pyarrow.orc").read_table(path)  # some builds of Arrow are without it
+            yield from zip(table.column_names, table.columns, strict=True)
         else:
             table = pa.feather.read_table(path, use_threads=False)  # mapped into memory, unless it is compressed
             yield from zip(table.column_names, table.columns, strict=True)

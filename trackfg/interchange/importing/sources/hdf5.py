@@ -17,12 +17,14 @@ import numpy as np
 import pandas as pd
 
 from trackfg.files.libraries import library
-from trackfg.interchange.importing.shapes.array_tables import tables_of_arrays
+from trackfg.interchange.importing.shapes.array_tables import RATE, tables_of_arrays
 from trackfg.interchange.importing.source_format import DialectFor, SourceFormat, readable, refuse_empty, starts_with
 from trackfg.interchange.importing.source_table import SourceTable, column_of, holds_numbers
 
 Part = TypeVar("Part")
 _SIGNATURE = b"\x89HDF\r\n\x1a\n"
+_NAMES = ("columns", "column_names", "names", "labels", "channels")
+"""Attributes with the names of the columns of an array (n, columns)."""
 _SINCE = re.compile(
     r"(\w+) since (\d{4}-\d{1,2}-\d{1,2}(?:[T ][\d:.]+)?)(?: ?(?:Z|UTC|[+-]?0{1,2}:?00))?", re.IGNORECASE
 )
@@ -248,6 +250,8 @@ def _units(h5py: Any, file: Any) -> Iterator[tuple[str, str]]:
         unit = next((attributes[key] for key in ("units", "unit") if key in attributes), None)
         if isinstance(unit, str | bytes):
             yield dataset.name.lstrip("/"), _text(unit)
+        for column, unit in zip(_listed(dataset, *_NAMES), _listed(dataset, "units", "unit"), strict=False):
+            yield f"{dataset.name.lstrip('/')}/{column}", unit
 
 
 def _with_dates(table: SourceTable) -> SourceTable:
@@ -274,8 +278,39 @@ def _arrays(h5py: Any, file: Any) -> Iterator[tuple[str, np.ndarray]]:
     for dataset in _all_of(h5py.Dataset, file):
         name = dataset.name.lstrip("/")
         is_text = h5py.check_string_dtype(dataset.dtype) is not None and dataset.ndim == 1
-        if (is_text or dataset.dtype.kind in "iufb") and not name.startswith("#"):
+        if name.startswith("#"):
+            continue
+        if is_text:
             yield name, dataset[()]
+        elif dataset.dtype.kind in "iufb":
+            values, columns = _unpacked(dataset), _listed(dataset, *_NAMES)
+            if values.ndim == 2 and len(columns) == values.shape[1]:
+                yield from ((f"{name}/{column}", values[:, i]) for i, column in enumerate(columns))
+            else:
+                yield name, values
+    for item in (file, *_all_of(h5py.Group, file), *_all_of(h5py.Dataset, file)):
+        for name, value in item.attrs.items():
+            if RATE.match(name):
+                yield f"{item.name}/{name}".strip("/"), np.asarray(value)
+
+
+def _unpacked(dataset: Any) -> np.ndarray:
+    """Return the values of an array, unpacked and NaN where they are missing, as the CF conventions pack them."""
+    values, attributes = dataset[()], dataset.attrs
+    factor, offset = (attributes.get(name) for name in ("scale_factor", "add_offset"))
+    missing = [np.ravel(attributes[name])[0] for name in ("_FillValue", "missing_value") if name in attributes]
+    is_missing = np.isin(values, missing)
+    if factor is None and offset is None and not is_missing.any():
+        return np.asarray(values)
+    unpacked = values * float(np.ravel(1.0 if factor is None else factor)[0])
+    return np.where(is_missing, np.nan, unpacked + float(np.ravel(0.0 if offset is None else offset)[0]))
+
+
+def _listed(dataset: Any, *names: str) -> list[str]:
+    """Return the texts of a list that an attribute of one of these names has; none without it."""
+    attributes = {name.casefold(): value for name, value in dataset.attrs.items()}
+    value = next((attributes[name] for name in names if name in attributes), ())
+    return [] if isinstance(value, str | bytes) else [_text(part) for part in np.ravel(value)]
 
 
 def _text(value: Any) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
@@ -20,6 +21,7 @@ _DEPTH = 4
 _LONGEST_RECORD = 1_000_000
 """Characters of a record by which lines of records are recognised."""
 _VALUES = ("values", "data", "samples")
+_ROW_KEY = re.compile(r"-?\d+(\.\d+)?$|\d{4}-\d\d-\d\d[T ]\d\d:\d\d")
 _UNITS = ("unit", "units")
 """What the numbers of a column are called within an object that also has their unit."""
 
@@ -84,7 +86,7 @@ def _tables(content: Any, name: str, depth: int) -> Iterator[SourceTable]:
         return
     if not isinstance(content, dict) or not depth:
         return
-    if (rows := _rows_of(content)) is not None:
+    if (rows := _rows_of(content) or _keyed_rows(content)) is not None:
         yield table_of_records(rows, name)
         return
     arrays = {key: numbers for key, value in content.items() if (numbers := _numbers_in(value)) is not None}
@@ -107,6 +109,35 @@ def _rows_of(content: dict[str, Any]) -> list[dict[str, Any]] | None:
     if not all(isinstance(row, list) and len(row) == len(names) for row in rows):
         return None
     return [dict(zip(map(str, names), row, strict=True)) for row in rows]
+
+
+def _keyed_rows(content: dict[str, Any]) -> list[dict[str, Any]] | None:
+    """Return the rows of an object whose keys are their times or numbers, or whose columns have such keys each, as
+    pandas writes them by default; None where it is neither.
+    """
+    parts = list(content.values())
+    if not parts or not all(isinstance(part, dict) and part for part in parts):
+        return None
+    if _are_row_keys(content):
+        name = _name_of(content)
+        return [{name: key, **part} for key, part in content.items()]
+    keys = list(parts[0])
+    of_columns = all(len(part) == len(keys) and part.keys() == parts[0].keys() for part in parts)
+    if not of_columns or not _are_row_keys(keys) or any(isinstance(part[keys[0]], dict | list) for part in parts):
+        return None
+    name = _name_of(keys)
+    return [{name: key, **{column: content[column][key] for column in content}} for key in keys]
+
+
+def _are_row_keys(keys: Iterable[str]) -> bool:
+    """Return whether keys are numbers or dates, and several."""
+    listed = list(keys)
+    return len(listed) > 1 and all(_ROW_KEY.match(key) for key in listed)
+
+
+def _name_of(keys: Iterable[str]) -> str:
+    """Return what keys of rows are: their numbers, from 0, or their times."""
+    return "index" if all(key == str(number) for number, key in enumerate(keys)) else "time"
 
 
 def _numbers_in(value: Any) -> Any:

@@ -17,13 +17,18 @@ from trackfg.interchange.importing.columns.calendar_columns import with_whole_da
 from trackfg.interchange.importing.columns.time_columns import time_columns
 from trackfg.interchange.importing.shapes.channel_tables import by_sensor, with_joined_channels
 from trackfg.interchange.importing.shapes.continued_files import with_joined_files, without_rowless_parts
+from trackfg.interchange.importing.shapes.earth_fixed_positions import with_geodetic
 from trackfg.interchange.importing.shapes.long_table import wide_tables
+from trackfg.interchange.importing.shapes.merged_names import without_merge_suffixes
 from trackfg.interchange.importing.shapes.missing_values import without_stand_ins
 from trackfg.interchange.importing.shapes.pair_lines import has_pairs, read_pairs
+from trackfg.interchange.importing.shapes.rotation_increments import with_angles
 from trackfg.interchange.importing.shapes.side_by_side import parted
 from trackfg.interchange.importing.shapes.tagged_lines import delimiter_of_tagged, has_sentences, read_tagged
 from trackfg.interchange.importing.shapes.united_cells import without_units_in_cells
+from trackfg.interchange.importing.shapes.vector_cells import with_vectors
 from trackfg.interchange.importing.shapes.written_angles import with_degrees
+from trackfg.interchange.importing.shapes.written_points import with_points
 from trackfg.interchange.importing.source_format import DialectFor
 from trackfg.interchange.importing.source_table import SourceTable
 from trackfg.interchange.importing.sources.columnar import (
@@ -56,6 +61,17 @@ _READERS: dict[tuple[str, ...], Callable[[Path], list[SourceTable]]] = {
     JSON_SUFFIXES: read_records,
     SQLITE_SUFFIXES: read_sqlite,
 }
+_RESHAPED: tuple[Callable[[SourceTable], SourceTable], ...] = (
+    without_merge_suffixes,
+    with_vectors,
+    with_angles,
+    with_points,
+    with_degrees,
+    with_geodetic,
+    without_units_in_cells,
+    with_whole_dates,
+)
+"""What makes columns of other notations the usual ones, in this order."""
 TABLE_SUFFIXES = (*TEXT_SUFFIXES, *(suffix for suffixes in _READERS for suffix in suffixes))
 """Files that hold tables by themselves."""
 
@@ -140,7 +156,8 @@ def _with_units(table: SourceTable) -> SourceTable:
 
 
 def _by_channel(table: SourceTable) -> list[SourceTable]:
-    table = with_whole_dates(without_units_in_cells(with_degrees(table)))
+    for reshaped in _RESHAPED:
+        table = reshaped(table)
     time = time_columns(table)
     wide = wide_tables(table, time[0] if time is not None and len(time) == 1 else None)
     parts = by_sensor(table) if wide[0] is table else wide

@@ -62,7 +62,8 @@ def _group(group: Any) -> list[SourceTable]:
 
 def _times(channel: Any) -> dict[str, np.ndarray]:
     """Return the times of a waveform: on the calendar where it says when it began, since groups begin at their own."""
-    seconds = np.asarray(channel.time_track(), dtype=np.float64)
+    offset, increment = (float(channel.properties.get(f"wf_{name}", 0.0)) for name in ("start_offset", "increment"))
+    seconds = offset + increment * np.arange(len(channel))
     start = channel.properties.get("wf_start_time")
     start_ns = 0 if start is None else int(np.datetime64(start, "ns").astype(np.int64))
     if start_ns <= 0:  # LabVIEW writes 1904 where there is none

@@ -1,0 +1,68 @@
+"""Positions in the Earth-centred, Earth-fixed frame (ECEF) become latitude, longitude and height.
+
+Nothing else that a vehicle logs is as large as its distance from the centre of the Earth, so that the values show it,
+and whether they are in metres, centimetres or millimetres.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+
+from trackfg.interchange.importing.columns.column_names import axis_and_rest
+from trackfg.interchange.importing.columns.plan_columns import plan_columns
+from trackfg.interchange.importing.source_table import SourceTable
+from trackfg.numerics import geodesy
+from trackfg.numerics.arrays import Array
+
+_FROM_CENTRE_M = (6_356_000.0, 6_387_500.0)
+"""From the poles, 6356.8 km from the centre, to the highest place near the equator, 6384.4 km (WGS 84)."""
+_PER_METRE = (1.0, 100.0, 1000.0)
+_GEODETIC = {"latitude": "deg", "longitude": "deg", "height": "m"}
+"""The columns that they become, and their units."""
+
+
+def with_geodetic(table: SourceTable) -> SourceTable:
+    """Return a table with latitude, longitude and height in place of a position from the centre of the Earth.
+
+    Rows of zeros, as receivers write them without a position, have none. A table that has positions in plan, or none
+    from the centre of the Earth, stays as it is.
+    """
+    if plan_columns(table) is not None or set(_GEODETIC) & set(table.columns):
+        return table
+    for names in _vectors(table):
+        if (ecef := _in_metres(np.stack([table.numbers(name) for name in names], axis=1))) is None:
+            continue
+        place = np.full_like(ecef, np.nan)
+        known = np.isfinite(ecef).all(axis=1)
+        place[known] = geodesy.ecef_to_geodetic(ecef[known])
+        columns = dict(zip(_GEODETIC, place.T, strict=True))
+        frame = table.frame.drop(columns=names).assign(**columns)
+        units = {name: unit for name, unit in table.units.items() if name not in names}
+        return replace(table, frame=frame, units={**units, **_GEODETIC})
+    return table
+
+
+def _vectors(table: SourceTable) -> list[list[str]]:
+    """Return the columns x, y, z of numbers that have equal names but for the axis."""
+    groups: dict[str, dict[str, str]] = {}
+    for name in table.columns:
+        axis, rest = axis_and_rest(name)
+        if axis is not None and pd.api.types.is_numeric_dtype(table.frame[name]):
+            groups.setdefault(rest, {})[axis] = name
+    return [[axes[axis] for axis in "xyz"] for axes in groups.values() if len(axes) == len("xyz")]
+
+
+def _in_metres(values: Array) -> Array | None:
+    """Return vectors (n, 3) in metres, NaN where they are zero; None where they are no positions on the Earth."""
+    values = np.where((values == 0.0).all(axis=1, keepdims=True), np.nan, values)
+    with np.errstate(over="ignore", invalid="ignore"):  # damaged values may be of any size
+        length = np.linalg.norm(values, axis=1)
+    length = length[np.isfinite(length)]
+    for per_metre in _PER_METRE if length.size else ():
+        low, high = (bound * per_metre for bound in _FROM_CENTRE_M)
+        if low < length.min() and length.max() < high:
+            return np.asarray(values / per_metre)
+    return None
