@@ -305,6 +305,13 @@ def test_two_numbers_are_no_degrees_and_minutes(cell: str) -> None:
     assert with_degrees(table) is table
 
 
+def test_pulses_of_an_interval_are_no_speed(drive: Drive, tmp_path: Path, imported: Import) -> None:
+    """A unit ``ms`` behind them is that of the interval, and no m/s."""
+    table = _imu(drive).assign(**{"pulses per 100 ms": np.round(10.0 * drive.speed)})
+    table.to_csv(tmp_path / "log.csv", index=False)
+    assert _recording(imported(tmp_path / "log.csv"), drive).tach is None
+
+
 @pytest.mark.parametrize(("line", "remark"), [("-----+-----", True), ("(26000 rows)", True), ("-1.5 | -2.5", False)])
 def test_rules_of_a_printed_table_are_remarks(line: str, remark: bool) -> None:
     assert is_remark(line, "|") == remark
