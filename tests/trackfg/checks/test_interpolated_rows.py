@@ -47,7 +47,7 @@ def taken(rows: Array, cuts: list[int]) -> tuple[Array, Array]:
 def test_a_filled_hole_is_found_but_for_its_first_row(digits: int | None) -> None:
     rows = filled(riding())
     rows = rows if digits is None else np.round(rows, digits)
-    np.testing.assert_array_equal(interpolated_times(IMU, rows), rows[FIRST + 1 : END, 0])
+    np.testing.assert_array_equal(interpolated_times(IMU, [rows]), rows[FIRST + 1 : END, 0])
 
 
 @given(st.lists(st.integers(0, 1000), max_size=30))
@@ -64,7 +64,7 @@ def test_how_rows_are_grouped_makes_no_difference(cuts: list[int]) -> None:
 @pytest.mark.parametrize("noise", [0.0, 0.003, 0.03, 1.0, 10.0])
 def test_measurements_pass_at_once(noise: float) -> None:
     rows = riding(noise)
-    assert not interpolated_times(IMU, rows).size
+    assert not interpolated_times(IMU, [rows]).size
     kept, _ = taken(rows, list(range(1, 1000)))
     np.testing.assert_array_equal(kept, rows)
 
@@ -80,18 +80,18 @@ def test_what_stays_where_it_was_is_not_interpolated() -> None:
     """A sensor whose steps are coarser than its noise at rest, and one that is stuck, are no holes."""
     rows = riding()
     rows[FIRST:, 1:] = rows[FIRST, 1:]
-    assert not interpolated_times(IMU, rows).size
+    assert not interpolated_times(IMU, [rows]).size
 
 
 def test_a_slow_sensor_at_a_higher_rate_is_none_either() -> None:
     rows = riding()
     for first in range(1, 990, 10):
         rows = filled(rows, first, first + 9)
-    assert not interpolated_times(IMU, rows).size
+    assert not interpolated_times(IMU, [rows]).size
 
 
 def test_a_short_hole_stays_filled() -> None:
-    assert not interpolated_times(IMU, filled(riding(), FIRST, FIRST + 2)).size
+    assert not interpolated_times(IMU, [filled(riding(), FIRST, FIRST + 2)]).size
 
 
 def test_a_record_that_ends_in_a_hole_keeps_its_last_row() -> None:

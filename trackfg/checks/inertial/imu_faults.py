@@ -18,6 +18,7 @@ others: rows of which none repeats are not delayed. How rows are grouped makes n
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
@@ -42,6 +43,8 @@ _BELIEVED_S = 0.5
 """Values that are far beyond for longer are accepted, s: something has changed."""
 _MOST_BLOCKS = 64
 """So many blocks of rows are judged at once, while none holds anything odd: their values stay in the cache."""
+_ROWS_AT_A_TIME = 1 << 17
+"""Rows of a record that are laid side by side at once, 7 MB."""
 _DIGITS = 11
 """Digits after the point of values turned back to the sensor's axes: rounding must not make equal ones differ."""
 
@@ -256,21 +259,36 @@ def without_imu_faults(recording: Recording, limits: CheckLimits) -> Recording:
     A recording without faults is returned as it is.
     """
     imu = recording.description.imu
-    rows = recording.imu[list(IMU_COLUMNS)].to_numpy()
-    interpolated = interpolated_times(imu, rows)
-    measured = rows[~np.isin(rows[:, 0], interpolated)] if interpolated.size else rows
-    faults = ImuFaultDetector.of(imu, limits, is_canonical=True).taken(measured)[1]
-    if interpolated.size:
-        faults.append(ImuFault("interpolated", interpolated, (*imu.gyro, *imu.accel)))
+    faults = _faults(recording, limits)
     if not faults:
         return recording
-    sound = ~np.isin(rows[:, 0], np.concatenate([fault.t for fault in faults]))
+    sound = ~np.isin(recording.imu["t_s"], np.concatenate([fault.t for fault in faults]))
     by_code = {code: [fault for fault in faults if fault.code == code] for code in _MEANINGS}
     return replace(
         recording,
         imu=recording.imu[sound].reset_index(drop=True),
         findings=(*recording.findings, *(_finding(imu, code, same) for code, same in by_code.items() if same)),
     )
+
+
+def _faults(recording: Recording, limits: CheckLimits) -> list[ImuFault]:
+    """Return the faults of a whole record."""
+    imu, faults = recording.description.imu, list[ImuFault]()
+    interpolated = interpolated_times(imu, _in_parts(recording))
+    detector = ImuFaultDetector.of(imu, limits, is_canonical=True)
+    for rows in _in_parts(recording):
+        faults += detector.taken(rows[~np.isin(rows[:, 0], interpolated)] if interpolated.size else rows)[1]
+    return [*faults, ImuFault("interpolated", interpolated, detector.columns)] if interpolated.size else faults
+
+
+def _in_parts(recording: Recording) -> Iterator[Array]:
+    """Yield the rows (n, 7) of the IMU some at a time: all of them side by side would be a copy of the record.
+
+    In memory they lie column by column, as the detectors read them.
+    """
+    columns = [recording.imu[name].to_numpy() for name in IMU_COLUMNS]
+    for begin in range(0, len(recording.imu), _ROWS_AT_A_TIME):
+        yield np.array([column[begin : begin + _ROWS_AT_A_TIME] for column in columns]).T
 
 
 _RANGE = "check the sensor's range and its wiring; sigmas are larger there"

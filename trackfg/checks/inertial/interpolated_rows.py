@@ -13,6 +13,7 @@ are grouped makes no difference.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -185,8 +186,9 @@ class InterpolatedRows:
         return False
 
 
-def interpolated_times(imu: Imu, rows: Array) -> Array:
-    """Return the times of the rows (n, 7) of a whole record, in SI, that were interpolated, (m,), s."""
-    detector = InterpolatedRows.of(imu, is_canonical=True)
-    pieces = [detector.take(rows[first : first + _AT_ONCE])[1] for first in range(0, len(rows), _AT_ONCE)]
-    return np.concatenate([np.empty(0), *pieces])
+def interpolated_times(imu: Imu, parts: Iterable[Array]) -> Array:
+    """Return the times (m,), s, of rows that were interpolated, of a whole record in SI: ``parts`` (n, 7) in order."""
+    detector, times = InterpolatedRows.of(imu, is_canonical=True), [np.empty(0)]
+    for rows in parts:
+        times += [detector.take(rows[first : first + _AT_ONCE])[1] for first in range(0, len(rows), _AT_ONCE)]
+    return np.concatenate(times)

@@ -8,6 +8,7 @@ one value again by itself, it does so for any number of rows.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -29,18 +30,22 @@ def usual_rows(lengths: np.ndarray) -> int:
     return usual if usual < 2 or np.mean(np.abs(lengths - usual) <= 1) >= _REGULAR else 1
 
 
-def repeated_rows(channels: Array) -> np.ndarray:
-    """Return which rows of all six channels (n, 6) repeat a sample of a slower sensor, (n,)."""
-    fresh = np.ones(len(channels), dtype=bool)
-    fresh[1:] = (channels[1:] != channels[:-1]).any(axis=1)
+def repeated_rows(channels: Sequence[Array]) -> np.ndarray:
+    """Return which rows of all six channels, (n,) each, repeat a sample of a slower sensor, (n,)."""
+    fresh = np.zeros(len(channels[0]), dtype=bool)
+    fresh[:1] = True
+    for channel in channels:
+        fresh[1:] |= channel[1:] != channel[:-1]
+    if fresh.all():
+        return ~fresh
     starts = np.flatnonzero(fresh)
     lengths = np.diff(starts)
     usual = usual_rows(lengths)
     if usual < 2:
-        return np.zeros(len(channels), dtype=bool)
+        return np.zeros_like(fresh)
     sample = np.cumsum(fresh) - 1
-    since = np.arange(len(channels)) - starts[sample]
-    left = np.append(lengths, len(channels) - starts[-1])[sample] - since
+    since = np.arange(len(fresh)) - starts[sample]
+    left = np.append(lengths, len(fresh) - starts[-1])[sample] - since
     is_again = (since % usual == 0) & (left >= usual - 1)  # the same value, measured again
     return np.asarray(~(fresh | is_again))
 
@@ -48,7 +53,7 @@ def repeated_rows(channels: Array) -> np.ndarray:
 def without_repeated_rows(recording: Recording) -> Recording:
     """Return the recording with the IMU's samples at the sensor's own rate, and a finding where rows were left out."""
     imu = recording.imu
-    repeated = repeated_rows(imu[list(IMU_COLUMNS[1:])].to_numpy())
+    repeated = repeated_rows([imu[name].to_numpy() for name in IMU_COLUMNS[1:]])
     if not repeated.any():
         return recording
     left = imu[~repeated].reset_index(drop=True)
