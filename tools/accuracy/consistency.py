@@ -37,7 +37,8 @@ def errors(scenario: str, seed: int, duration_s: float, noise: bool) -> dict[str
     """(error, sigma) of every state along one simulated run."""
     run = simulate(scenario, seed=seed, duration_s=duration_s, noise=noise)
     smoothed = smooth_states(run.recording, SmoothConfig())
-    estimate = pd.concat([smoothed.trajectory, smoothed.calibration.drop(columns="t_s")], axis=1)
+    calibration = smoothed.calibration(smoothed.trajectory["t_s"].to_numpy())
+    estimate = pd.concat([smoothed.trajectory, calibration.drop(columns="t_s")], axis=1)
     # Truth has a row at each whole multiple of its own finer clock.
     truth = run.truth
     row = np.searchsorted(truth["t_s"].to_numpy(), estimate["t_s"].to_numpy() - 1e-6)

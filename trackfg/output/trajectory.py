@@ -102,29 +102,6 @@ def _by_kernel(run: RunContext, motion: DenseMotion, states: States, covariance:
     return out
 
 
-def calibration_table(response: Array, motion: DenseMotion, states: States, covariance: Covariance) -> pd.DataFrame:
-    """Return one row per entry of ``motion``: wheel scale and the sensor's own biases, and their sigmas.
-
-    ``response`` (n, 6, dim) is the derivative of each keyframe's bias by the IMU's calibration.
-    """
-    sensor_bias = states.bias - response @ states.imu[0]
-    J = np.zeros((len(states), 7, KEYFRAME_DIM + SHARED_DIM))
-    odo, bias, imu = (offset_in_keyframe(kind) for kind in (Kind.ODO, Kind.BIAS, Kind.IMU))
-    J[:, 0, odo + Odo.SCALE] = 1.0
-    J[:, 1:, bias : bias + 6] = np.eye(6)
-    J[:, 1:, imu : imu + Kind.IMU.dim] = -response
-    values = np.column_stack([states.odo.scale, sensor_bias])
-    variance = np.einsum("nij,nij->ni", covariance.propagated(J), J)
-    names = ["wheel_scale"]
-    names += [f"accel_bias_{axis}_mps2" for axis in "xyz"] + [f"gyro_bias_{axis}_radps" for axis in "xyz"]
-    k, f = motion.keyframe, motion.fraction[:, None]
-    values, variance = (x[k] * (1.0 - f) + x[k + 1] * f for x in (values, variance))
-    table = {"t_s": motion.t}
-    for name, value, sd in zip(names, values.T, np.sqrt(variance).T, strict=True):
-        table |= {name: value, f"{name}_sd": sd}
-    return pd.DataFrame(table)
-
-
 def keyframe_variances(states: States, covariance: Covariance, lever_arm: Array, mount_roll_sd: float = 0.0) -> Array:
     """Return variances of the quantities at the keyframes, shape (n, 8), in the order of :data:`QUANTITIES`.
 

@@ -42,7 +42,7 @@ def summary_of(
     counts from the line's beginning by fixes; ``gnss_moved_s``: by how much GNSS's stamps were moved beforehand, s.
     """
     problem, solution, covariance = smoothed.problem, smoothed.solution, smoothed.covariance
-    last = smoothed.calibration.iloc[-1]
+    last = smoothed.final_calibration
     path_m = float(np.abs(np.diff(solution.states.odo.distance)).sum())
     clock_prior = problem.family(FactorType.PRIOR_CLOCK)
     assert clock_prior is not None  # every graph has it

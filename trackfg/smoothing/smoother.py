@@ -36,7 +36,7 @@ from trackfg.output.place_covariance import place_covariance
 from trackfg.output.profiles import Profile, profiles
 from trackfg.output.rail_profiles import seen_profiles
 from trackfg.output.track_geometry import geometry_table
-from trackfg.output.trajectory import calibration_table, trajectory_table
+from trackfg.output.trajectory import trajectory_table
 from trackfg.recording.antenna import with_antenna_named
 from trackfg.recording.findings import Finding, raise_first
 from trackfg.recording.model import Recording, refuse_other_than_recording
@@ -316,9 +316,7 @@ def _with_tables(
     with stages.stage("output"):
         clock = _clock(run.t, solved.config.output.rate_hz)
         motion = dense_motion(run, states, dense_step(states, run.conventions.step_m), clock)
-        at_clock = motion.at(clock)
-        trajectory = trajectory_table(run, at_clock, states, covariance)
-        calibration = calibration_table(solved.problem.response, at_clock, states, covariance)
+        trajectory = trajectory_table(run, motion.at(clock), states, covariance)
         motion = motion.without_rates()
     with stages.stage("geometry"):
         passes = []
@@ -332,7 +330,6 @@ def _with_tables(
         trajectory=trajectory,
         geometry=geometry,
         places=places,
-        calibration=calibration,
         timings_s=stages.timings_s,
     )
     if feature_map is None:
@@ -369,7 +366,7 @@ def _located(
             geometry=geometry,
             passes=passes,
             anchored=_is_placed(recording, None),
-            wheel_scale_sd=float(alone.calibration["wheel_scale_sd"].iloc[-1]),
+            wheel_scale_sd=float(alone.final_calibration["wheel_scale_sd"]),
             on_springs=on_springs,
         )
         return located(unlocated, feature_map, config.position)

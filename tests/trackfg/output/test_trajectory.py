@@ -26,10 +26,10 @@ from trackfg.factors.states import (
     retract,
 )
 from trackfg.numerics.rotations import matrix_from_rpy, rpy_from_matrix
+from trackfg.output.calibration import calibration_table
 from trackfg.output.dense_motion import DenseMotion
 from trackfg.output.trajectory import (
     QUANTITIES,
-    calibration_table,
     keyframe_jacobian,
     keyframe_variances,
     trajectory_table,
@@ -233,14 +233,15 @@ def test_falling_chainage(states: States, gyro: np.ndarray, covariance: Covarian
     pd.testing.assert_frame_equal(up.drop(columns="chainage_m"), down.drop(columns="chainage_m"))
 
 
-def test_calibration_interpolates_values_and_variances(
-    states: States, gyro: np.ndarray, covariance: Covariance
-) -> None:
-    half = replace(at_keyframes(states, gyro), fraction=np.append(np.full(N - 1, 0.5), 1.0))
+def test_calibration_interpolates_values_and_variances(states: States, covariance: Covariance) -> None:
+    half = np.append(0.5 * (RUN.t[1:] + RUN.t[:-1]), RUN.t[-1])
     response = response_terms(*np.random.default_rng(8).normal(size=(3, N, 3)), states.nav.R, states.nav.v)
     response[-1] = 0.0
     found = replace(states, imu=1e-3 * np.random.default_rng(9).normal(size=(1, Kind.IMU.dim)))
-    table = calibration_table(response, half, found, covariance)
+    table = calibration_table(half, RUN.t, response, found, covariance)
+    pd.testing.assert_frame_equal(
+        calibration_table(half[-2:], RUN.t, response, found, covariance), table.tail(2).reset_index(drop=True)
+    )
     np.testing.assert_allclose(table["wheel_scale"], 1.01)
     # The sensor's own bias is what the calibration does not explain of the interval's.
     own = states.bias - np.einsum("nij,j->ni", response, found.imu[0])

@@ -55,7 +55,7 @@ def _repeated(imu: Imu, t: Array, sensor: Array, limits: CheckLimits) -> list[Fi
         f"all six channels repeat the row before in {share:.1%} of the rows, at worst for {seconds:.3g} s from here"
     )
     hint = "remove the repeated rows: a gap is bridged honestly, invented samples are not"
-    if repeated_rows(sensor.T).any():
+    if repeated_rows(list(sensor.T)).any():
         hint = "log the sensor's own rows: these repeat samples of a slower one, and are left out"
     return [ColumnPlace(imu.file, None, t).at_row(start, "rows-repeated", message, "samples", hint, "warning")]
 
