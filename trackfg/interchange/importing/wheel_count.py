@@ -58,6 +58,10 @@ def _wraps(count: Array, steps: Array) -> np.ndarray:
 
 def _modulus(count: Array, steps: Array, wraps: np.ndarray) -> float | None:
     """Return the modulus that all wraps, after rows ``wraps``, show; None where they do not agree, or too vaguely."""
+    # At an end of the record steps on one side alone do not bracket the one across.
+    is_inside = (wraps >= _NEARBY) & (wraps < steps.size - _NEARBY)
+    if is_inside.any():
+        wraps = wraps[is_inside]
     span = float(np.ptp(count))
     rounding = 1.0 if (count == np.floor(count)).all() else _ROUNDING * span
     low, high = _bracket(steps, wraps, rounding)

@@ -53,6 +53,7 @@ def test_a_count_is_unwrapped_at_any_modulus_that_several_wraps_show() -> None:
 
 @given(st.sampled_from([60_000, 100_000, 25_000, 65_536]), st.integers(30, 4000), st.integers(0, 10**6))
 @example(60_000, 3000, 0)  # so fast that it looks like 16 bits with a row missing at each wrap
+@example(25_000, 1750, 502)  # wraps at the last row
 @settings(max_examples=60, deadline=None)
 def test_a_fast_count_is_unwrapped(modulus: int, rate: int, seed: int) -> None:
     true = rolled(min(rate, 0.07 * modulus), seed=seed)
