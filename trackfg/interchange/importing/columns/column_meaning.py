@@ -117,9 +117,8 @@ def kind_in(table: SourceTable, name: str) -> str | None:
     if kind is None and axis is None and unit and factor_of(unit, "speed") in _SPEEDS_OF_VEHICLES:
         return "speed"
     if kind == "count" and factor_of(unit, "time") is not None:
-        return (
-            None  # pulses per 100 ms: a table that is written faster holds them, and one written more seldom lacks some
-        )
+        # Of pulses per 100 ms a table that is written faster holds each, and one written more seldom lacks some.
+        return None
     if kind == "count":
         by_unit = next((of for quantity, of in _BY_UNIT if factor_of(unit, quantity) is not None), None)
         return by_unit or (kind if _COUNTS.fullmatch(unit.strip("[]() ")) else None)
