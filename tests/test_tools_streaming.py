@@ -160,10 +160,12 @@ def test_a_slope_is_known_as_well_as_the_scatter_lets_it(tools: SimpleNamespace)
     measured = {f"{what} {part}": value for what in ("update", "all", "control", "memory") for part, value in
                 (("slope", 1.0), ("sigma", 0.01), ("mean", 10.0))}  # fmt: skip
     times = {"p50 ms": 3.0, "p99 ms": 30.0, "max ms": 40.0, "longest ms": 40.0, "first ms": 80.0}
-    row = pd.DataFrame([{**measured, **times, "hours": 6.0, "times real time": 40.0, "stored": 1.0}])
+    speeds = {"times real time, same": 160.0, "times real time, default": 240.0}
+    row = pd.DataFrame([{**measured, **times, **speeds, "hours": 6.0, "stored": 1.0}])
     met = {figure.quantity: figure.met for figure in tools.cost.figures(row)}
     assert met["latency of a keyframe, median, ms"] is True
     assert met["latency of a keyframe, 99 %, ms"] is False
+    assert met["times real time, 1 h from a store, default keyframes"] is True
     assert [grown for name, grown in met.items() if "growth over" in name] == [False] * 3
 
 

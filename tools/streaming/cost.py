@@ -55,7 +55,7 @@ from trackfg.streaming.sources.source import BATCH_S, STORED_BATCH_S, Batch
 
 SCENARIO = "mainline"
 LAG_S = 10.0
-P50_MS, P99_MS, TIMES_REAL_TIME = 5.0, 20.0, 30.0
+P50_MS, P99_MS, TIMES_REAL_TIME = 5.0, 3.0, 200.0
 STORED_HOURS = 1.0
 NOISE = 0.05
 WARM_UP = 0.1
@@ -260,8 +260,12 @@ def figures(measured: pd.DataFrame) -> list[Figure]:
         Figure("latency of a keyframe, longest, ms", of["max ms"]),
         Figure("longest batch of any sort, ms", of["longest ms"]),
         Figure("the batch that ends the first seconds, ms", of["first ms"]),
-        at_least(f"times real time, {of['stored']:g} h from a store", of["times real time, same"], TIMES_REAL_TIME),
-        Figure(f"times real time, {of['stored']:g} h from a store, default keyframes", of["times real time, default"]),
+        Figure(f"times real time, {of['stored']:g} h from a store", of["times real time, same"]),
+        at_least(
+            f"times real time, {of['stored']:g} h from a store, default keyframes",
+            of["times real time, default"],
+            TIMES_REAL_TIME,
+        ),
         Figure(
             "the machine: growth of a fixed computation, of its mean",
             of["control slope"] * of["hours"] / of["control mean"],
