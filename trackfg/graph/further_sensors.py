@@ -134,7 +134,8 @@ def antenna_variable(description: RecordingDescription) -> int | None:
     """Return the index of the variable that says where the antenna is; None where its place is known."""
     if description.unplaced_antenna is None:
         return None
-    return next(one.variable for one in further_sensors(description) if isinstance(one.part, UnplacedAntenna))
+    sensors = further_sensors(description)
+    return next(sensor.variable for sensor in sensors if isinstance(sensor.part, UnplacedAntenna))
 
 
 def _tach(inputs: GraphInputs, sensor: FurtherSensor) -> Family:
