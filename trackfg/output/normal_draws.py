@@ -42,6 +42,6 @@ class NormalDraws:
 
 @cache
 def _kept() -> tuple[Array, np.random.Generator]:
-    """Return the first numbers, and the generator that goes on after them, which must not be used itself."""
+    """Return the first numbers, and the generator of those after them, of which each user draws from a copy."""
     rng = np.random.default_rng(_SEED)
     return rng.standard_normal(_KEPT), rng

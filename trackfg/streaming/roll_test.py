@@ -3,7 +3,7 @@
 Of the cells along the way (:mod:`trackfg.streaming.track_cells`) only those are kept of which it is not known yet
 whether they are on a straight.
 
-The variance V of a cell's roll falls as the stream goes on, and the errors of all cells are fully correlated. The mean
+The variance V of a cell's roll falls with time, and the errors of all cells are fully correlated. The mean
 has the weights ``1 / V``, so that its variance is ``n / sum(1 / V)`` at most (Cauchy and Schwarz).
 """
 

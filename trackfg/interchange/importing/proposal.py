@@ -31,7 +31,7 @@ from trackfg.interchange.importing.columns.receiver_state import (
     state_column,
     without_position,
 )
-from trackfg.interchange.importing.columns.time_columns import states_no_zone, time_columns, time_unit
+from trackfg.interchange.importing.columns.time_columns import states_no_zone, time_columns, times_in
 from trackfg.interchange.importing.columns.written_units import factor_of, unit_in
 from trackfg.interchange.importing.mapping import FORMAT
 from trackfg.interchange.importing.proposals.clock_start import propose_start
@@ -50,7 +50,6 @@ from trackfg.interchange.importing.proposals.receiver_speed_proposal import prop
 from trackfg.interchange.importing.proposals.tach_proposal import propose_speeds_over_ground, propose_tach
 from trackfg.interchange.importing.source_table import SourceTable
 from trackfg.interchange.importing.stations import bare_unit, place_columns
-from trackfg.interchange.importing.times.reading import times_by_keys
 from trackfg.interchange.importing.times.zones import is_zone
 from trackfg.io.features import LOCAL
 from trackfg.numerics.chainage.km_notation import metres_of
@@ -246,7 +245,7 @@ def _are_computed(table: SourceTable) -> bool:
     if columns is None or len(columns) != 1 or len(table.frame) < _COMPUTED_ROWS:
         return False
     try:
-        t = times_by_keys(table, {"time": columns, **time_unit(table, columns)})
+        t = times_in(table, columns)
     except BadInputError:
         return False
     steps = np.diff(t.since(t.first_ns))

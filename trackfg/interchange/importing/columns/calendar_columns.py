@@ -17,7 +17,7 @@ import pandas as pd
 from trackfg.interchange.importing.columns.column_names import parts_of
 from trackfg.interchange.importing.columns.written_units import factor_of
 from trackfg.interchange.importing.source_table import SourceTable
-from trackfg.interchange.importing.times.numeric_times import are_clock_digits, clock_ns, gps_ns
+from trackfg.interchange.importing.times.numeric_times import WEEK_S, are_clock_digits, clock_ns, gps_ns
 
 COMPOSED = "date_and_time_ns"
 """The column that is added: ns since 1970, or of seconds alone since the zero that they count from."""
@@ -58,7 +58,6 @@ _TIME_OF_WEEK = re.compile(
     r"(^|[\s_.]|gps)(i?tow|sow)(_?m?s)?$|(time|seconds?).?of.?week|(week|gps).?(s|sec|seconds?|ms|time)$",
     re.IGNORECASE,
 )
-_WEEK_S = 604_800.0
 _FIRST_WEEK, _LAST_WEEK = 960, 4000
 """Weeks of GPS that are not taken for those of a year: 1998 to 2056."""
 
@@ -151,8 +150,8 @@ def _of_the_week(table: SourceTable) -> np.ndarray | None:
     week, time = (column.to_numpy(dtype=np.float64) for column in columns)
     if not ((week >= _FIRST_WEEK) & (week <= _LAST_WEEK) & (week == np.floor(week)) & (time >= 0.0)).all():
         return None
-    seconds = time * (1e-3 if time.max() > _WEEK_S else 1.0)
-    return gps_ns(week * _WEEK_S) + np.round(seconds * 1e9).astype(np.int64)
+    seconds = time * (1e-3 if time.max() > WEEK_S else 1.0)
+    return gps_ns(week * WEEK_S) + np.round(seconds * 1e9).astype(np.int64)
 
 
 def _of_the_calendar(table: SourceTable) -> np.ndarray | None:

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 import pandas as pd
@@ -13,15 +12,15 @@ import pandas as pd
 from trackfg.errors import BadInputError
 from trackfg.interchange.importing.columns.column_names import (
     axis_and_rest,
+    complete_vectors,
     is_other,
     meaning,
     names_axis_in_words,
     parts_of,
 )
-from trackfg.interchange.importing.columns.time_columns import stated_rate_hz, time_columns, time_unit
+from trackfg.interchange.importing.columns.time_columns import stated_rate_hz, time_columns, times_in
 from trackfg.interchange.importing.columns.written_units import Quantity, factor_of, usual_name
 from trackfg.interchange.importing.source_table import SourceTable
-from trackfg.interchange.importing.times.reading import times_by_keys
 from trackfg.numerics.chainage.km_notation import is_metres, metres_of
 from trackfg.numerics.units import KMH, MPH, STANDARD_GRAVITY
 
@@ -155,13 +154,8 @@ def triples(table: SourceTable, kind: InertialKind) -> list[Triple]:
         if axis and kind == kind_in(table, name) and pd.api.types.is_numeric_dtype(table.frame[name]):
             by_notation.setdefault((rest, names_axis_in_words(full)), {})[axis] = name
             by_axis.setdefault(rest, {}).setdefault(axis, name)
-    vectors = _complete(by_notation) or _complete(by_axis) or _numbered(table, kind)
+    vectors = complete_vectors(by_notation) or complete_vectors(by_axis) or _numbered(table, kind)
     return [triple_of(table, columns, kind) for columns in vectors]
-
-
-def _complete(groups: Mapping[Any, Mapping[str, str]]) -> list[tuple[str, str, str]]:
-    """Return the columns x, y, z of the groups that have all three axes."""
-    return [(axes["x"], axes["y"], axes["z"]) for axes in groups.values() if len(axes) == len("xyz")]
 
 
 def _numbered(table: SourceTable, kind: InertialKind) -> list[tuple[str, str, str]]:
@@ -188,7 +182,7 @@ def nameless_triples(table: SourceTable) -> list[tuple[str, str, str]]:
         plain = axis is not None and kind_in(table, name) is None and not is_other(full_name(table, name))
         if axis is not None and plain and pd.api.types.is_numeric_dtype(table.frame[name]):
             groups.setdefault(rest, {})[axis] = name
-    return _complete(groups)
+    return complete_vectors(groups)
 
 
 def triple_of(table: SourceTable, columns: tuple[str, str, str], kind: InertialKind) -> Triple:
@@ -272,7 +266,7 @@ def _interval_s(table: SourceTable) -> float | None:
         rate = stated_rate_hz(table)
         return None if rate is None else 1.0 / rate
     try:
-        times = times_by_keys(table, {"time": columns, **time_unit(table, columns)})
+        times = times_in(table, columns)
     except BadInputError:
         return None
     return float(np.median(np.diff(times.since(times.first_ns)))) if len(table.frame) > 1 else None

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from functools import lru_cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from trackfg.interchange.importing.columns.written_units import QUANTITIES, factor_of
 
@@ -165,6 +166,11 @@ def axis_and_rest(name: str, unit: str = "") -> tuple[str | None, str]:
     if axis is None and rest.casefold() in _BODY_RATES and factor_of(unit or in_name, "angular rate") is not None:
         return _BODY_RATES[rest.casefold()], ""
     return axis, letters
+
+
+def complete_vectors(groups: Mapping[Any, Mapping[str, str]]) -> list[tuple[str, str, str]]:
+    """Return the columns x, y, z of the groups, names by axis, that have all three axes."""
+    return [(axes["x"], axes["y"], axes["z"]) for axes in groups.values() if len(axes) == len("xyz")]
 
 
 def names_axis_in_words(name: str) -> bool:

@@ -14,12 +14,14 @@ from trackfg.interchange.importing.columns.calendar_columns import COMPOSED
 from trackfg.interchange.importing.columns.column_names import meaning, parts_of
 from trackfg.interchange.importing.columns.written_units import factor_of
 from trackfg.interchange.importing.source_table import ROW_NUMBER, SourceTable
+from trackfg.interchange.importing.times.clock import Times
 from trackfg.interchange.importing.times.numeric_times import (
     are_clock_digits,
     are_gps_seconds,
     guessed_unit,
     tick_of_dates,
 )
+from trackfg.interchange.importing.times.reading import times_by_keys
 from trackfg.interchange.importing.times.written_times import are_dates, are_durations
 from trackfg.interchange.importing.times.zones import states_zone
 
@@ -164,6 +166,11 @@ def _resolution(values: np.ndarray) -> int:
 def _steady(values: np.ndarray) -> bool:
     step = np.diff(values)
     return bool((step > 0).all() and np.median(np.abs(step - np.median(step))) < 0.2 * np.median(step))
+
+
+def times_in(table: SourceTable, columns: tuple[str, ...]) -> Times:
+    """Read the times in such columns of a table in their probable unit. Raises as :func:`times_by_keys` does."""
+    return times_by_keys(table, {"time": columns, **time_unit(table, columns)})
 
 
 def time_unit(

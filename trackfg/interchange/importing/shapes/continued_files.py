@@ -11,10 +11,9 @@ import numpy as np
 import pandas as pd
 
 from trackfg.errors import BadInputError
-from trackfg.interchange.importing.columns.time_columns import time_columns, time_unit
+from trackfg.interchange.importing.columns.time_columns import time_columns, times_in
 from trackfg.interchange.importing.source_table import SourceTable
 from trackfg.interchange.importing.times.clock import Times
-from trackfg.interchange.importing.times.reading import times_by_keys
 
 _PAUSE_S = 2.0
 """A logger may lose samples while it opens the next file, s; runs of their own are further apart."""
@@ -90,4 +89,4 @@ def _times(table: SourceTable) -> Times:
     columns = time_columns(table)
     if columns is None:
         raise BadInputError(f"{table.name}: no column of times found; expected one")
-    return times_by_keys(table, {"time": columns, **time_unit(table, columns)})
+    return times_in(table, columns)

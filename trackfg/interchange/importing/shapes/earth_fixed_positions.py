@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 
-from trackfg.interchange.importing.columns.column_names import axis_and_rest
+from trackfg.interchange.importing.columns.column_names import axis_and_rest, complete_vectors
 from trackfg.interchange.importing.columns.plan_columns import plan_columns
 from trackfg.interchange.importing.source_table import SourceTable
 from trackfg.numerics import geodesy
@@ -39,20 +39,20 @@ def with_geodetic(table: SourceTable) -> SourceTable:
         known = np.isfinite(ecef).all(axis=1)
         place[known] = geodesy.ecef_to_geodetic(ecef[known])
         columns = dict(zip(_GEODETIC, place.T, strict=True))
-        frame = table.frame.drop(columns=names).assign(**columns)
+        frame = table.frame.drop(columns=list(names)).assign(**columns)
         units = {name: unit for name, unit in table.units.items() if name not in names}
         return replace(table, frame=frame, units={**units, **_GEODETIC})
     return table
 
 
-def _vectors(table: SourceTable) -> list[list[str]]:
+def _vectors(table: SourceTable) -> list[tuple[str, str, str]]:
     """Return the columns x, y, z of numbers that have equal names but for the axis."""
     groups: dict[str, dict[str, str]] = {}
     for name in table.columns:
         axis, rest = axis_and_rest(name)
         if axis is not None and pd.api.types.is_numeric_dtype(table.frame[name]):
             groups.setdefault(rest, {})[axis] = name
-    return [[axes[axis] for axis in "xyz"] for axes in groups.values() if len(axes) == len("xyz")]
+    return complete_vectors(groups)
 
 
 def _in_metres(values: Array) -> Array | None:

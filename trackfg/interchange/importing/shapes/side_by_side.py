@@ -14,9 +14,8 @@ import pandas as pd
 
 from trackfg.errors import BadInputError
 from trackfg.interchange.importing.columns.column_names import meaning
-from trackfg.interchange.importing.columns.time_columns import time_columns, time_unit
+from trackfg.interchange.importing.columns.time_columns import time_columns, times_in
 from trackfg.interchange.importing.source_table import SourceTable
-from trackfg.interchange.importing.times.reading import times_by_keys
 
 _ELSEWHERE = 0.1
 """Share of a clock's span by which its rows are at other times than those of the clock beside it, from which on it has
@@ -68,7 +67,7 @@ def _seconds(part: SourceTable) -> np.ndarray | None:
     if columns is None or columns[0] != part.columns[0] or part.frame[columns[0]].isna().any():
         return None
     try:
-        times = times_by_keys(part, {"time": columns, **time_unit(part, columns)})
+        times = times_in(part, columns)
     except BadInputError:
         return None
     since = times.since(times.first_ns)

@@ -15,13 +15,12 @@ import pandas as pd
 
 from trackfg.errors import BadInputError, first_line
 from trackfg.interchange.importing.source_table import SourceTable
-from trackfg.interchange.importing.times.numeric_times import gps_ns
+from trackfg.interchange.importing.times.numeric_times import WEEK_S, gps_ns
 
 SOLUTION = ".pos"
 """The suffix of these files."""
 _HEAD = ("latitude(deg)", "longitude(deg)", "height(m)", "Q", "ns", "sdn(m)", "sde(m)", "sdu(m)")
 _VELOCITY = ("vn(m/s)", "ve(m/s)", "sdvn", "sdve")
-_WEEK_S = 604_800.0
 
 
 def read_rtklib(path: Path) -> SourceTable:
@@ -69,5 +68,5 @@ def _times_ns(date: pd.Series, clock: pd.Series, *, of_gps: bool) -> np.ndarray:
         return np.asarray(gps_ns(since_epoch.astype(np.float64)) + rest)
     seconds = np.asarray(clock.astype(np.float64), dtype=np.float64)
     whole = np.floor(seconds)
-    in_week = gps_ns(np.asarray(date.astype(np.float64).to_numpy() * _WEEK_S + whole))
+    in_week = gps_ns(np.asarray(date.astype(np.float64).to_numpy() * WEEK_S + whole))
     return np.asarray(in_week + np.round((seconds - whole) * 1e9).astype(np.int64))

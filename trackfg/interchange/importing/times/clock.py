@@ -57,7 +57,7 @@ class Times:
 
     @classmethod
     def of_the_day(cls, ns: np.ndarray, zone: str, label: str) -> Times:
-        """Return times of day (n,), ns since midnight, which goes on to the next day."""
+        """Return times of day (n,), ns since midnight, on consecutive days: each midnight makes the next one begin."""
         days = np.concatenate([[0], np.cumsum(np.diff(ns) < -DAY_NS // 2)])
         return cls(None, (ns + days * DAY_NS) / 1e9, zone_named(zone, label))
 

@@ -55,7 +55,9 @@ _IN_PACKETS = 5.0
 _GPS_EPOCH = np.datetime64("1980-01-06T00:00:00", "ns")
 
 
-_PERIODS_S = (604_800.0, 86_400.0)
+WEEK_S = 604_800.0
+"""A week of GPS, s."""
+_PERIODS_S = (WEEK_S, 86_400.0)
 """Times that start again: those of the week of GPS, and of the day, s."""
 
 
