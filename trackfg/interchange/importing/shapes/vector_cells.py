@@ -6,11 +6,11 @@ from dataclasses import replace
 
 import pandas as pd
 
+from trackfg.interchange.importing.shapes.cell_patterns import parts_of_cells
 from trackfg.interchange.importing.source_table import SourceTable
 
 _N = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
 _VECTOR = rf"^[\[(]\s*(?P<x>{_N})[,;\s]\s*(?P<y>{_N})[,;\s]\s*(?P<z>{_N})\s*[\])]$"
-_FIRST_CELLS = 20
 
 
 def with_vectors(table: SourceTable) -> SourceTable:
@@ -31,11 +31,7 @@ def _parts(column: pd.Series) -> pd.DataFrame | None:
     """Return the parts (n, 3) of vectors in text; None where a cell is none."""
     if not pd.api.types.is_string_dtype(column):
         return None
-    cells = column.str.strip()
-    first = cells.dropna().iloc[:_FIRST_CELLS]
-    if not len(first) or not first.str.match(_VECTOR).all():
-        return None
-    parts = cells.str.extract(_VECTOR)
-    if (parts["x"].isna() & cells.notna()).any():
+    parts = parts_of_cells(column, _VECTOR)
+    if parts is None:
         return None
     return pd.DataFrame({axis: pd.to_numeric(part).astype("float64") for axis, part in parts.items()})

@@ -12,6 +12,7 @@ from dataclasses import replace
 import pandas as pd
 
 from trackfg.interchange.importing.columns.plan_columns import plan_columns
+from trackfg.interchange.importing.shapes.cell_patterns import parts_of_cells
 from trackfg.interchange.importing.source_table import SourceTable
 
 _N = r"[+-]?\d+(?:\.\d*)?(?:[eE][+-]?\d+)?"
@@ -23,7 +24,6 @@ _PAIR = rf"^[(\[]?\s*(?P<x>{_N})\s*[,;\s]\s*(?P<y>{_N})\s*[)\]]?$"
 _LATITUDE_FIRST = re.compile(r"lat\w*\W*l(o?ng?|ng)", re.IGNORECASE)
 _LONGITUDE_FIRST = re.compile(r"l(o?ng?|ng)\w*\W*lat", re.IGNORECASE)
 _PLACE = re.compile(r"^(gps|gnss|geo)?[\s_.]?(location|position|coord(inate)?s?|point|pos|gps)$", re.IGNORECASE)
-_FIRST_CELLS = 20
 _WGS_84 = "4326"
 _LATITUDES, _LONGITUDES = (-90.0, 90.0), (-180.0, 180.0)
 
@@ -43,17 +43,13 @@ def with_points(table: SourceTable) -> SourceTable:
 
 def _columns(name: str, column: pd.Series) -> tuple[dict[str, pd.Series], str] | None:
     """Return the columns of points in a column of text, and a note on what was assumed; None where it holds none."""
-    cells = column.str.strip()
-    first = cells.dropna().iloc[:_FIRST_CELLS]
-    pattern = next((pattern for pattern in (_POINT, _PAIR) if len(first) and first.str.match(pattern).all()), None)
-    if pattern is None:
-        return None
-    parts = cells.str.extract(pattern)
-    if (parts["x"].isna() & cells.notna() & ~cells.str.contains("EMPTY", na=True)).any():
+    points = parts_of_cells(column, _POINT, blank="EMPTY")
+    parts = parts_of_cells(column, _PAIR, blank="EMPTY") if points is None else points
+    if parts is None:
         return None
     numbers = {part: pd.to_numeric(parts[part]).astype("float64") for part in ("x", "y", "z") if part in parts}
     x, y = numbers["x"], numbers["y"]
-    if pattern == _PAIR:
+    if points is None:
         return _of_pair(name, x, y)
     srids = set(parts["srid"].dropna())
     height = {"height": numbers["z"]} if numbers["z"].notna().any() and "M" not in set(parts["kind"].dropna()) else {}
