@@ -17,8 +17,8 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from trackfg.errors import BadInputError, expected_one_of
 from trackfg.files.small_file import read_toml, validated
+from trackfg.interchange.importing.delimited.dialect import DialectOptions
 from trackfg.interchange.importing.geometry_reading import GeometryOptions
-from trackfg.interchange.importing.text_dialect import DialectOptions
 from trackfg.interchange.importing.times.notation import TimeNotation
 from trackfg.io.formats.registry import FORMATS
 from trackfg.numerics.chainage.kilometrage import Kilometrage

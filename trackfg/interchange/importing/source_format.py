@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 from trackfg.errors import BadInputError, TrackfgError, first_line
+from trackfg.interchange.importing.delimited.dialect import DialectOptions
 from trackfg.interchange.importing.source_table import SourceTable
-from trackfg.interchange.importing.text_dialect import DialectOptions
 
 DialectFor = Callable[[str], DialectOptions | None]
 """What a mapping states of the dialect of a text file, by the file's name."""

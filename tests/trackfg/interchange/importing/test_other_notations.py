@@ -21,6 +21,7 @@ from trackfg.errors import BadInputError
 from trackfg.interchange.importing.channels.channel_names import channel_of
 from trackfg.interchange.importing.columns.written_units import factor_of, unit_in
 from trackfg.interchange.importing.conversion import Imported
+from trackfg.interchange.importing.delimited.data_rows import is_remark
 from trackfg.interchange.importing.proposals.stated_wheel import stated_diameter, stated_pulses
 from trackfg.interchange.importing.registry import source_format
 from trackfg.interchange.importing.shapes.earth_fixed_positions import with_geodetic
@@ -29,7 +30,6 @@ from trackfg.interchange.importing.shapes.rotation_increments import with_angles
 from trackfg.interchange.importing.shapes.written_angles import with_degrees
 from trackfg.interchange.importing.shapes.written_points import with_points
 from trackfg.interchange.importing.source_table import SourceTable
-from trackfg.interchange.importing.text_dialect import is_remark
 from trackfg.numerics import geodesy
 from trackfg.numerics.units import STANDARD_GRAVITY
 from trackfg.recording.model import Recording

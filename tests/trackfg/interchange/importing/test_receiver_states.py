@@ -13,9 +13,9 @@ from interchange.foreign_forms import Drive
 
 from trackfg.interchange.importing.columns.receiver_state import range_sd_m, without_position
 from trackfg.interchange.importing.conversion import Imported, converted
+from trackfg.interchange.importing.delimited.text_table import read_text
 from trackfg.interchange.importing.mapping import FORMAT, mapping_of
 from trackfg.interchange.importing.source_table import SourceTable
-from trackfg.interchange.importing.text_table import read_text
 
 Import = Callable[..., Imported]
 Tables = dict[str, pd.DataFrame]

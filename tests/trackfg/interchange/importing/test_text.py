@@ -18,11 +18,12 @@ from trackfg.interchange.importing.columns.column_names import meaning, parts_of
 from trackfg.interchange.importing.columns.time_columns import time_unit
 from trackfg.interchange.importing.columns.written_units import Quantity, factor_of, unit_in
 from trackfg.interchange.importing.conversion import Imported
+from trackfg.interchange.importing.delimited.data_rows import first_data_row
+from trackfg.interchange.importing.delimited.dialect import DialectOptions, dialect_of
+from trackfg.interchange.importing.delimited.text_table import read_text
 from trackfg.interchange.importing.sample_stamps import spread_stamps
 from trackfg.interchange.importing.source_table import SourceTable
 from trackfg.interchange.importing.stations import read_stations
-from trackfg.interchange.importing.text_dialect import DialectOptions, dialect_of, first_data_row
-from trackfg.interchange.importing.text_table import read_text
 from trackfg.interchange.importing.times.counters import unwrapped
 from trackfg.interchange.importing.times.notation import TimeNotation
 from trackfg.interchange.importing.times.reading import read_times

@@ -15,13 +15,13 @@ from interchange.foreign_forms import START_NS, Drive
 from trackfg.datasets.scenarios import Simulation
 from trackfg.errors import BadInputError
 from trackfg.interchange.importing.conversion import Imported, write_imported
+from trackfg.interchange.importing.delimited.data_rows import is_remark
+from trackfg.interchange.importing.delimited.text_table import read_text
 from trackfg.interchange.importing.mapping import mapping_of
 from trackfg.interchange.importing.proposal import propose, unused_columns
 from trackfg.interchange.importing.registry import source_format
 from trackfg.interchange.importing.source_table import SourceTable
 from trackfg.interchange.importing.stations import read_stations
-from trackfg.interchange.importing.text_dialect import is_remark
-from trackfg.interchange.importing.text_table import read_text
 from trackfg.interchange.importing.times.notation import TimeNotation
 from trackfg.interchange.importing.times.reading import read_times
 from trackfg.numerics.units import STANDARD_GRAVITY

@@ -11,8 +11,9 @@ import pandas as pd
 import pyarrow as pa
 import pyarrow.csv
 
+from trackfg.interchange.importing.delimited.cells import EMPTY_CELLS
+from trackfg.interchange.importing.delimited.header import header_of
 from trackfg.interchange.importing.source_table import SourceTable
-from trackfg.interchange.importing.text_dialect import EMPTY_CELLS, header_of
 
 _TAGGED = re.compile(r"([A-Za-z][A-Za-z_]\w*)([,;\t|])\s*[-+.\dA-Za-z]")
 _SENTENCE = re.compile(r"\$(G[A-Z]|BD|QZ)[A-Z]{3},")

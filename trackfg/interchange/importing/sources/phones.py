@@ -19,11 +19,11 @@ import pandas as pd
 from trackfg.errors import BadInputError
 from trackfg.files.temporary_folder import temporary_folder
 from trackfg.interchange.importing.columns.column_names import axis_and_rest
+from trackfg.interchange.importing.delimited.text_table import read_text
 from trackfg.interchange.importing.source_format import DialectFor, SourceFormat
 from trackfg.interchange.importing.source_table import SourceTable
 from trackfg.interchange.importing.sources.archives import first_lines, names_in, unpacked
 from trackfg.interchange.importing.sources.sensor_json import described, is_sensor_json, read_sensor_json
-from trackfg.interchange.importing.text_table import read_text
 
 SIGMA_OF_RADIUS = 1.0 / 1.515
 """Sigma of one coordinate over the radius that holds 68 % of positions, which phones state as accuracy (Rayleigh

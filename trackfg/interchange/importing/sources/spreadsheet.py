@@ -12,9 +12,10 @@ import pandas as pd
 
 from trackfg.errors import BadInputError
 from trackfg.files.libraries import library
+from trackfg.interchange.importing.delimited.data_rows import first_data_row
+from trackfg.interchange.importing.delimited.header import header_of
 from trackfg.interchange.importing.source_format import readable
 from trackfg.interchange.importing.source_table import SourceTable
-from trackfg.interchange.importing.text_dialect import first_data_row, header_of
 
 SPREADSHEETS = (".xlsx", ".xls")
 _HEAD_ROWS = 200

@@ -15,6 +15,9 @@ from typing import Any
 from trackfg.errors import BadInputError, first_line
 from trackfg.interchange.importing.columns.calendar_columns import with_whole_dates
 from trackfg.interchange.importing.columns.time_columns import time_columns
+from trackfg.interchange.importing.delimited.dialect import NoRowsError
+from trackfg.interchange.importing.delimited.header import in_brackets
+from trackfg.interchange.importing.delimited.text_table import read_text
 from trackfg.interchange.importing.shapes.channel_tables import by_sensor, with_joined_channels
 from trackfg.interchange.importing.shapes.continued_files import with_joined_files, without_rowless_parts
 from trackfg.interchange.importing.shapes.earth_fixed_positions import with_geodetic
@@ -44,8 +47,6 @@ from trackfg.interchange.importing.sources.gpx import TRACK
 from trackfg.interchange.importing.sources.records import JSON_SUFFIXES, holds_records, read_records
 from trackfg.interchange.importing.sources.rtklib import SOLUTION
 from trackfg.interchange.importing.sources.spreadsheet import SPREADSHEETS, read_spreadsheet
-from trackfg.interchange.importing.text_dialect import NoRowsError, in_brackets
-from trackfg.interchange.importing.text_table import read_text
 from trackfg.interchange.importing.unread_formats import unread_format
 
 TEXT_SUFFIXES = (".csv", ".txt", ".tsv", ".dat", ".asc", ".log", ".lvm", ".prn")

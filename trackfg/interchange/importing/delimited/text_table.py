@@ -12,18 +12,10 @@ import pyarrow.compute
 import pyarrow.csv
 
 from trackfg.errors import BadInputError, first_line, printable
+from trackfg.interchange.importing.delimited.cells import EMPTY_CELLS, cells
+from trackfg.interchange.importing.delimited.data_rows import is_remark, names_a_summary, summary_rows
+from trackfg.interchange.importing.delimited.dialect import Dialect, DialectOptions, NoRowsError, dialect_of
 from trackfg.interchange.importing.source_table import SourceTable
-from trackfg.interchange.importing.text_dialect import (
-    EMPTY_CELLS,
-    Dialect,
-    DialectOptions,
-    NoRowsError,
-    cells,
-    dialect_of,
-    is_remark,
-    names_a_summary,
-    summary_rows,
-)
 from trackfg.io.table_file import ends_in_nulls
 
 _LETTERS = re.compile(r"[^\W\d_]{2}")
