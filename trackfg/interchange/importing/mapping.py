@@ -6,7 +6,7 @@ A mapping is a ``recording.toml`` whose tables are the source's, with a few more
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from collections.abc import Mapping as Dictionary
 from dataclasses import dataclass, field
 from datetime import datetime
@@ -15,10 +15,11 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from trackfg.errors import BadInputError, expected_one_of
+from trackfg.errors import BadInputError, did_you_mean, expected_one_of
 from trackfg.files.small_file import read_toml, validated
 from trackfg.interchange.importing.delimited.dialect import DialectOptions
 from trackfg.interchange.importing.geometry_reading import GeometryOptions
+from trackfg.interchange.importing.source_table import SourceTable
 from trackfg.interchange.importing.times.notation import TimeNotation
 from trackfg.io.formats.registry import FORMATS
 from trackfg.numerics.chainage.kilometrage import Kilometrage
@@ -73,6 +74,26 @@ _CONSUMED = tuple(key for key in _Reading.model_fields if key != "file")
 def fits(file: str, pattern: str) -> bool:
     """Return whether the name of a file fits a pattern; none fits an empty one."""
     return Path(pattern) != Path() and Path(file).match(pattern)
+
+
+def table_named(tables: Sequence[SourceTable], pattern: str, section: str) -> SourceTable:
+    """Return the one table that a name or pattern means. Raises :class:`BadInputError` where it is none or several."""
+    names = [table.name for table in tables]
+    if pattern in names:
+        return tables[names.index(pattern)]
+    matches = [table for table in tables if fits(table.name, pattern)]
+    if len(matches) == 1:
+        return matches[0]
+    if matches:
+        raise BadInputError(
+            f"[{section}] file = {pattern!r} means {len(matches)} tables: {', '.join(t.name for t in matches[:10])}; "
+            "expected one"
+        )
+    near = did_you_mean(pattern, names)
+    raise BadInputError(
+        f"[{section}] file = {pattern!r}: no such table; expected one of {', '.join(names[:30])}"
+        + (f". Hint: {near}" if near else "")
+    )
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,6 @@ import numpy as np
 import tomli_w
 
 from trackfg.errors import BadInputError
-from trackfg.interchange.importing.balise_places import COLUMNS
 from trackfg.interchange.importing.columns.calendar_columns import COMPOSED, parts_of_dates
 from trackfg.interchange.importing.columns.column_meaning import first_of, kind_in
 from trackfg.interchange.importing.columns.plan_columns import (
@@ -48,6 +47,7 @@ from trackfg.interchange.importing.proposals.questions import (
 )
 from trackfg.interchange.importing.proposals.receiver_speed_proposal import propose_receiver_speed
 from trackfg.interchange.importing.proposals.tach_proposal import propose_speeds_over_ground, propose_tach
+from trackfg.interchange.importing.sensors.balise_places import COLUMNS
 from trackfg.interchange.importing.source_table import SourceTable
 from trackfg.interchange.importing.stations import bare_unit, place_columns
 from trackfg.interchange.importing.times.zones import is_zone

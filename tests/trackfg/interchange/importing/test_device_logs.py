@@ -18,7 +18,7 @@ from trackfg.errors import BadInputError
 from trackfg.interchange.importing.columns.column_names import axis_and_rest
 from trackfg.interchange.importing.columns.written_units import number_and_unit
 from trackfg.interchange.importing.conversion import Imported
-from trackfg.interchange.importing.pulse_levels import are_levels, first_missed, rises
+from trackfg.interchange.importing.sensors.pulse_levels import are_levels, first_missed, rises
 from trackfg.interchange.importing.source_table import SourceTable
 from trackfg.interchange.importing.sources.text import TextFormat
 from trackfg.interchange.importing.times.notation import TimeNotation

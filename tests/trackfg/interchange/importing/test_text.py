@@ -21,7 +21,7 @@ from trackfg.interchange.importing.conversion import Imported
 from trackfg.interchange.importing.delimited.data_rows import first_data_row
 from trackfg.interchange.importing.delimited.dialect import DialectOptions, dialect_of
 from trackfg.interchange.importing.delimited.text_table import read_text
-from trackfg.interchange.importing.sample_stamps import spread_stamps
+from trackfg.interchange.importing.sensors.sample_stamps import spread_stamps
 from trackfg.interchange.importing.source_table import SourceTable
 from trackfg.interchange.importing.stations import read_stations
 from trackfg.interchange.importing.times.counters import unwrapped

@@ -15,7 +15,7 @@ from trackfg.errors import BadInputError
 from trackfg.interchange.importing.conversion import Imported, write_imported
 from trackfg.interchange.importing.mapping import mapping_of
 from trackfg.interchange.importing.registry import source_format
-from trackfg.interchange.importing.wheel_count import unwrapped_count
+from trackfg.interchange.importing.sensors.wheel_count import unwrapped_count
 
 Import = Callable[..., Imported]
 

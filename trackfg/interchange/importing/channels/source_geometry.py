@@ -12,9 +12,8 @@ from trackfg.files.owned_folder import kind_of
 from trackfg.interchange.importing.channels.measured_geometry import measured_result
 from trackfg.interchange.importing.channels.proposed_reading import proposed_reading
 from trackfg.interchange.importing.columns.column_meaning import triples
-from trackfg.interchange.importing.conversion import table_named
 from trackfg.interchange.importing.geometry_reading import GeometryOptions, GeometryReading
-from trackfg.interchange.importing.mapping import FORMAT, Mapping, fits
+from trackfg.interchange.importing.mapping import FORMAT, Mapping, fits, table_named
 from trackfg.interchange.importing.registry import source_format
 from trackfg.interchange.importing.source_format import SourceFormat
 from trackfg.interchange.importing.source_table import SourceTable

@@ -64,6 +64,7 @@ def cells(line: str, delimiter: str) -> list[str]:
 
 @lru_cache(maxsize=1 << 16)
 def is_value(cell: str) -> bool:
+    """Return whether a cell is a number, a time or a place as a whole, or holds nothing."""
     cell = cell.strip('"')
     if cell.casefold() in _EMPTY or any(pattern.match(cell) for pattern in (NUMBER, _TEMPORAL, _LISTED)):
         return True

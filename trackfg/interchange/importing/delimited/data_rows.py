@@ -21,6 +21,7 @@ _RULE = re.compile(r"[-+=|: ]*(---|===)[-+=|: ]*|\(?\d+ rows?( in set.*)?\)?")
 
 
 def usual_width(rows: list[list[str]]) -> int:
+    """Return how many cells most rows of data have."""
     counts = [len(row) for row in rows[len(rows) // 2 if len(rows) > 50 else 0 :] if any(row)]
     return max(set(counts), key=counts.count) if counts else 0
 

@@ -11,6 +11,7 @@ _SHORT_WORD = 3
 
 
 def encoding_of(sample: bytes, path: Path) -> str:
+    """Return the encoding of the first bytes of a file. Raises :class:`BadInputError` where they are no text."""
     for mark, name in ((b"\xef\xbb\xbf", "utf-8-sig"), (b"\xff\xfe", "utf-16"), (b"\xfe\xff", "utf-16")):
         if sample.startswith(mark):
             return name
@@ -58,6 +59,7 @@ def _is_cyrillic(sample: bytes) -> bool:
 
 
 def decoded(sample: bytes, encoding: str, path: Path) -> str:
+    """Return bytes as text. Raises :class:`BadInputError` for an encoding that is none."""
     try:
         return sample.decode(encoding, errors="replace")
     except LookupError:

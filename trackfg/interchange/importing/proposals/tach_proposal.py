@@ -19,10 +19,10 @@ from trackfg.interchange.importing.columns.written_units import factor_of, unit_
 from trackfg.interchange.importing.proposals.questions import Ask, Proposal, Question, asked_number, asked_unit
 from trackfg.interchange.importing.proposals.receiver_speed_proposal import NAMED_AFTER_RECEIVERS, NOT_MEASURED
 from trackfg.interchange.importing.proposals.stated_wheel import stated_diameter, stated_pulses
-from trackfg.interchange.importing.pulse_levels import are_levels
+from trackfg.interchange.importing.sensors.pulse_levels import are_levels
+from trackfg.interchange.importing.sensors.wheel_count import unwrapped_count
 from trackfg.interchange.importing.source_table import ROW_NUMBER, SourceTable
 from trackfg.interchange.importing.times.reading import times_by_keys
-from trackfg.interchange.importing.wheel_count import unwrapped_count
 from trackfg.numerics.chainage.passes import only_falls
 
 _WHEEL = re.compile(r"wheel|whl|rad(?!ar|ius)|axle|achse|tach|odo|колес")

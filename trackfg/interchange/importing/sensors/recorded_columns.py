@@ -12,9 +12,9 @@ from trackfg.errors import BadInputError
 from trackfg.interchange.importing.columns.column_meaning import INCREMENT_OF, QUANTITY_OF
 from trackfg.interchange.importing.columns.written_units import Quantity, factor_of, recorded_unit
 from trackfg.interchange.importing.mapping import MappedSensor
-from trackfg.interchange.importing.pulse_levels import rises
+from trackfg.interchange.importing.sensors.pulse_levels import rises
+from trackfg.interchange.importing.sensors.wheel_count import unwrapped_count
 from trackfg.interchange.importing.times.clock import Times
-from trackfg.interchange.importing.wheel_count import unwrapped_count
 from trackfg.io.features import LOCAL, in_wgs_84
 from trackfg.numerics import geodesy
 from trackfg.numerics.arrays import Array
