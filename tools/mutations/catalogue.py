@@ -829,13 +829,13 @@ _STREAMING = (
         ),
     ),
     Part(
-        "trackfg/streaming/doubts.py",
-        ("tests/trackfg/streaming/test_doubts.py",),
+        "trackfg/streaming/doubts/reporting.py",
+        ("tests/trackfg/streaming/doubts/test_reporting.py",),
         (_one("a doubt is reported again and again", "self.reported += tuple", "_ = tuple"),),
     ),
     Part(
-        "trackfg/streaming/sigma_test.py",
-        ("tests/trackfg/streaming/test_sigma_test.py",),
+        "trackfg/streaming/doubts/sigma_test.py",
+        ("tests/trackfg/streaming/doubts/test_sigma_test.py",),
         (
             _one(
                 "what lies between rows is taken for an error",

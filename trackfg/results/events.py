@@ -60,6 +60,22 @@ class Event:
         return f"{where}{self.kind}{when}{place}{removed}{count}" + (f": {self.detail}" if self.detail else "")
 
 
+def doubt_event(
+    quantities: Iterable[str],
+    reason: str,
+    advice: str,
+    *,
+    t_s: float | None,
+    until_s: float | None = None,
+    table: str = "",
+) -> Event:
+    """Return the event that sigmas of ``quantities`` are too small, for a ``reason``, with ``advice`` on what to do.
+
+    ``t_s``: since when, or the time of which all that came before is doubted.
+    """
+    return Event(DOUBT, table, t_s, until_s, detail=f"{', '.join(quantities)}: {reason}: {advice}")
+
+
 _TYPES = {field.name: {"str": "str", "int": "int64"}.get(str(field.type), "float64") for field in fields(Event)}
 
 

@@ -24,7 +24,9 @@ _WAITED = 0.3
 
 @dataclass
 class BackPressure:
-    """``factor``: how many times further apart keyframes are than the settings say. ``behind_s``: length of the queue.
+    """The queue of a stream, and what it makes of the keyframes.
+
+    ``factor``: how many times further apart keyframes are than the settings say. ``behind_s``: length of the queue.
 
     ``at_change_s``: what that was when the factor was settled; ``short_s``: for how long it has been short.
     """

@@ -39,11 +39,11 @@ from trackfg.results.events import Event
 from trackfg.sensors.imu_noise import WhiteNoise
 from trackfg.smoothing.localisation import MapChainage
 from trackfg.streaming.checkpoint.snapshot import Snapshot, dump, load_attributes
-from trackfg.streaming.doubts import Doubts
+from trackfg.streaming.doubts.reporting import DoubtReports
+from trackfg.streaming.doubts.stream_tests import StreamTests
 from trackfg.streaming.locating.map_locator import MapLocator
 from trackfg.streaming.outages import Outage, distance_after, outage_after
 from trackfg.streaming.rows import Rows
-from trackfg.streaming.stream_tests import StreamTests
 from trackfg.streaming.tables.smoothed_tables import SmoothedTables, TableInput, Tables
 from trackfg.streaming.window.moving_window import LostWindow, MovingWindow
 from trackfg.streaming.window.running_window import FilterUpdate, Relinearisation, RunningWindow
@@ -131,7 +131,7 @@ class FixedLagSmoother:
     """The end of the tables of a lost window, s."""
     _locator: MapLocator | None
     _tests: StreamTests
-    _doubts: Doubts
+    _doubts: DoubtReports
 
     def __init__(
         self,
@@ -164,7 +164,7 @@ class FixedLagSmoother:
         self._locator = None if feature_map is None else MapLocator(description, self.config, feature_map)
         self._moving = MovingWindow(self._buffer, self.config, lag_s, on_map=feature_map is not None)
         self._tables, self._done_s = None, -np.inf
-        self._tests, self._doubts = StreamTests(), Doubts()
+        self._tests, self._doubts = StreamTests(), DoubtReports()
 
     def put(self, rows: Rows) -> Estimates:
         """Take the next rows and return the estimates that they make."""

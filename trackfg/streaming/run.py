@@ -25,7 +25,7 @@ from trackfg.numerics.blas_threads import one_thread
 from trackfg.results.events import DOUBT, Event
 from trackfg.streaming.back_pressure import BackPressure
 from trackfg.streaming.checkpoint.checkpoint import Checkpoint, Checkpoints
-from trackfg.streaming.doubts import subject_of
+from trackfg.streaming.doubts.reporting import subject_of
 from trackfg.streaming.events import UnreadableRows, event_table
 from trackfg.streaming.fixed_lag import NO_ESTIMATES, Estimates, FixedLagSmoother
 from trackfg.streaming.intake.imu_clock import ClockLimits

@@ -31,7 +31,7 @@ CELLS = 2
 LEAST_SD_M = 0.01
 """Sigmas below this are those of where the chainage is counted from."""
 
-HINT = "declare fixes more often: nothing else shows how long the track is"
+_HINT = "declare fixes more often: nothing else shows how long the track is"
 
 
 def cut_per_cell(heading: Array) -> Array | None:
@@ -45,9 +45,10 @@ def cut_per_cell(heading: Array) -> Array | None:
     return np.asarray(0.5 * HALF_PIVOTS_M**2 * curvature**2 * STEP_M)
 
 
-def in_words(most_m: float) -> str:
-    """Say what a cut of ``most_m`` is."""
-    return f"a body on bogies {2 * HALF_PIVOTS_M:.0f} m apart would cut curves by {most_m:.2f} m"
+def doubt_of_cut(factor: float, most_m: float) -> Doubt:
+    """Return the doubt of a chainage whose sigma is too small by a ``factor``, where a cut is ``most_m`` at most."""
+    reason = f"a body on bogies {2 * HALF_PIVOTS_M:.0f} m apart would cut curves by {most_m:.2f} m"
+    return Doubt(("chainage",), factor, reason, _HINT)
 
 
 def cut_doubts(run: SolvedRun) -> list[Doubt]:
@@ -68,6 +69,4 @@ def cut_doubts(run: SolvedRun) -> list[Doubt]:
     if not sure.any():
         return []
     factor = math.sqrt(1.0 + float(np.mean(error[sure] ** 2 / variance[sure])))
-    return (
-        [Doubt(("chainage",), factor, in_words(float(np.max(np.abs(error)))), HINT)] if factor >= LEAST_WIDENING else []
-    )
+    return [doubt_of_cut(factor, float(np.max(np.abs(error))))] if factor >= LEAST_WIDENING else []

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -19,7 +18,7 @@ from trackfg.smoothing.reassessment import SolvedRun
 _VERSINE = math.sqrt(1.5)
 """A versine of independent errors of three places, over one of them: 1 + 1/4 + 1/4."""
 
-HINT = "mount the sensor where it does not vibrate, or declare rigid = false"
+_HINT = "mount the sensor where it does not vibrate, or declare rigid = false"
 
 
 def vibration_doubts(run: SolvedRun, geometry: pd.DataFrame, bandwidths: Bandwidths) -> list[Doubt]:
@@ -32,23 +31,13 @@ def vibration_doubts(run: SolvedRun, geometry: pd.DataFrame, bandwidths: Bandwid
     blocks = Blocks.of(context.inertial, context.t, np.linalg.norm(nav.v, axis=1), bandwidths.least_hz)
     sums = {name: inverse_squares(geometry[f"{column}_sd"].to_numpy()) for name, column in COLUMNS.items()}
     usual = {name: usual_sigma(number, inverse) for name, (number, inverse) in sums.items() if number}
-    return [
-        Doubt((name,), shown.factor, shown.reason, HINT)
-        for name, shown in visible_vibration(blocks, usual, context.conventions).items()
-    ]
+    return doubts_of_vibration(blocks, usual, context.conventions)
 
 
-class Vibration(NamedTuple):
-    """The ``factor`` by which vibration exceeds the sigmas of a quantity, and the ``reason`` in words."""
-
-    factor: float
-    reason: str
-
-
-def visible_vibration(
+def doubts_of_vibration(
     blocks: Blocks, usual_mm: Mapping[Quantity, float], conventions: GeometryConventions
-) -> dict[Quantity, Vibration]:
-    """Return by which quantities the vibration of ``blocks`` exceeds the sigmas, which are ``usual_mm``.
+) -> list[Doubt]:
+    """Return a doubt of each quantity whose sigmas, which are ``usual_mm``, the vibration of ``blocks`` exceeds.
 
     At rest all vibration shows. In motion only that below :data:`~trackfg.sensors.short_vibration.SHORTEST_WAVE_M`
     does, and what that says of the roll on the waves of a twist, of up to twice its base: most of it is on the longest,
@@ -61,11 +50,11 @@ def visible_vibration(
         "alignment": _VERSINE * _largest(resting.across, moving.across),
     }
     shown = {name: (1e3 * moved[name], math.hypot(1.0, 1e3 * moved[name] / usual)) for name, usual in usual_mm.items()}
-    return {
-        name: Vibration(factor, f"the sensor vibrates: by {by:.2g} mm of {name}, which look like track")
+    return [
+        Doubt((name,), factor, f"the sensor vibrates: by {by:.2g} mm of {name}, which look like track", _HINT)
         for name, (by, factor) in shown.items()
         if factor >= LEAST_WIDENING
-    }
+    ]
 
 
 def _largest(*sizes: float) -> float:

@@ -27,7 +27,7 @@ from trackfg.numerics.integrals import trapezoid_integral
 from trackfg.numerics.spans import median_interval
 from trackfg.recording.description import RecordingDescription
 from trackfg.recording.model import IMU_COLUMNS, TACH_COLUMNS
-from trackfg.results.events import DOUBT, Event
+from trackfg.results.events import Event, doubt_event
 from trackfg.streaming.rows import Rows, described_tables, no_rows
 from trackfg.streaming.window.growable_array import GrowableArray
 
@@ -49,7 +49,11 @@ _SOURCES = {
     "gnss": "the receiver's positions",
 }
 """Tables whose clock the IMU's is compared with, and what they are called; the first that there is."""
-_QUANTITIES = "chainage, position, speed, roll, pitch, cross_level, twist, level, alignment, gradient, curvature"
+_QUANTITIES = (
+    *("chainage", "position", "speed", "roll", "pitch"),
+    *("cross_level", "twist", "level", "alignment", "gradient", "curvature"),
+)
+"""All that follow from the motion over time."""
 _ADVICE = "set its stamps back from there on, or smooth the recording, which sets them back"
 
 
@@ -159,12 +163,12 @@ class ImuClockJumps:
         self.hole = None if is_jump or is_last else hole._replace(look_s=hole.look_s + LOOK_S)
         if not is_jump:
             return []
-        span_s = hole.begin_s + self.ahead_s, until_s + self.ahead_s
+        begin_s, until_s = hole.begin_s + self.ahead_s, until_s + self.ahead_s
         self.ahead_s += hole.by_s
         self.samples.rows[:, 0] -= hole.by_s
         self.cell[:, 0] -= hole.by_s
-        what = f"the IMU's clock jumped ahead by {hole.by_s:.2f} s against that of {_SOURCES[self.source]}"
-        return [Event(DOUBT, "imu", *span_s, 0, f"{_QUANTITIES}: {what}: {_ADVICE}")]
+        reason = f"the IMU's clock jumped ahead by {hole.by_s:.2f} s against that of {_SOURCES[self.source]}"
+        return [doubt_event(_QUANTITIES, reason, _ADVICE, table="imu", t_s=begin_s, until_s=until_s)]
 
     def _tables(self, begin_s: float, until_s: float) -> tuple[pd.DataFrame, pd.DataFrame]:
         """Return the rows of the IMU between two times, s, and what the other table makes those of a tach."""

@@ -17,7 +17,7 @@ from trackfg.errors import BadInputError
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.robust import median
 from trackfg.recording.description import Imu
-from trackfg.results.events import DOUBT, Event
+from trackfg.results.events import Event, doubt_event
 
 FIRST_ROWS = 1000
 """So many rows are judged: more than a logger sends in one packet (1 kHz for a second)."""
@@ -81,7 +81,8 @@ class IntervalCheck:
         even = spread_evenly(rows[:, 0], list(rows[:, 1:].T))
         if even is None:
             return None
-        what = f"samples come in packets of {even.rows} with one time each"
-        what += ", of which one is used" if even.equal else ""
+        used = ", of which one is used" if even.equal else ""
+        reason = f"samples come in packets of {even.rows} with one time each{used}"
         advice = "let the logger stamp each sample, or smooth the recording, which spreads them"
-        return Event(DOUBT, "imu", float(rows[0, 0]), float(rows[-1, 0]), 0, f"all quantities: {what}: {advice}")
+        first_s, last_s = rows[[0, -1], 0].tolist()
+        return doubt_event(("all quantities",), reason, advice, table="imu", t_s=first_s, until_s=last_s)

@@ -15,7 +15,7 @@ from trackfg.checks.columns import too_fast_hint
 from trackfg.checks.limits import CheckLimits
 from trackfg.numerics.arrays import Array
 from trackfg.recording.description import Imu
-from trackfg.results.events import DOUBT, Event
+from trackfg.results.events import Event, doubt_event
 
 BLOCK_S = 0.5
 """Rates are averaged over as much, s: longer than blows and vibration."""
@@ -67,9 +67,9 @@ class RateCheck:
         if self.beyond * BLOCK_S < LEAST_S or self.beyond < LEAST_SHARE * self.blocks:
             return None
         self.reported = True
-        what = f"angular rates of {self.largest:.3g} rad/s as declared ({imu.gyro_unit}), which no vehicle holds"
-        advice = f"{too_fast_hint(imu)}, and begin anew"
-        return Event(DOUBT, "imu", self.since_s, float(rows[-1, 0]), 0, f"all quantities: {what}: {advice}")
+        reason = f"angular rates of {self.largest:.3g} rad/s as declared ({imu.gyro_unit}), which no vehicle holds"
+        advice, last_s = f"{too_fast_hint(imu)}, and begin anew", float(rows[-1, 0])
+        return doubt_event(("all quantities",), reason, advice, table="imu", t_s=self.since_s, until_s=last_s)
 
     def _keep_speed(self, tach: Array) -> None:
         """Keep the speed over the newest rows of the tach."""

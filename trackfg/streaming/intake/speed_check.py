@@ -19,7 +19,7 @@ from trackfg.checks.receiver_speeds import receiver_speed_findings
 from trackfg.numerics.arrays import Array
 from trackfg.recording.description import GnssSpeed
 from trackfg.recording.model import GNSS_COLUMNS, GNSS_SPEED_COLUMNS, GNSS_SPEED_TABLE, TACH_COLUMNS
-from trackfg.results.events import DOUBT, Event
+from trackfg.results.events import doubt_event
 from trackfg.streaming.events import LossReport
 
 EVERY_S = 60.0
@@ -92,8 +92,7 @@ class SpeedCheck:
             return
         self.waiting, self.contradicted = None, bool(findings)
         for finding in findings:
-            t = rows[GNSS_SPEED_TABLE][:, 0]
-            detail = (
-                f"speed, chainage, position: {finding.message}; its speeds are left out from now on: {finding.hint}"
-            )
-            report.note(Event(DOUBT, GNSS_SPEED_TABLE, float(t[0]), float(t[-1]), 0, f"{detail}, and begin anew"))
+            first_s, last_s = rows[GNSS_SPEED_TABLE][[0, -1], 0].tolist()
+            reason = f"{finding.message}; its speeds are left out from now on"
+            advice, quantities = f"{finding.hint}, and begin anew", ("speed", "chainage", "position")
+            report.note(doubt_event(quantities, reason, advice, table=GNSS_SPEED_TABLE, t_s=first_s, until_s=last_s))

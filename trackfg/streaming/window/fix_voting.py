@@ -34,7 +34,7 @@ from trackfg.factors.marginal_prior import with_distance_shifted
 from trackfg.factors.odometry import followed_fix, withheld_fix
 from trackfg.factors.states import Kind, Odo, States, offset_in_keyframe
 from trackfg.numerics.arrays import Array
-from trackfg.results.events import DOUBT, Event
+from trackfg.results.events import Event, doubt_event
 from trackfg.solver.covariance import Covariance
 from trackfg.streaming.window.wheel_creep import Creep
 from trackfg.streaming.window.window import Interval, Window
@@ -175,11 +175,9 @@ class FixVotes:
         """Add the event that rows written with the position given up are off by ``shift_m``."""
         self.shift_m += shift_m
         if self.placed_s is not None and self.placed_s < self.written_s:
-            detail = (
-                f"chainage: by {shift_m:+.1f} m, as more fixes say than those that placed the vehicle: correct it by "
-                "as much, or smooth the recording"
-            )
-            self.events += (Event(DOUBT, "fixes", self.placed_s, self.written_s, 0, detail),)
+            reason = f"by {shift_m:+.1f} m, as more fixes say than those that placed the vehicle"
+            advice, since, until = "correct it by as much, or smooth the recording", self.placed_s, self.written_s
+            self.events += (doubt_event(("chainage",), reason, advice, table="fixes", t_s=since, until_s=until),)
         self.placed_s = self.written_s
 
     def _count_agreement(self, position: float, t: float) -> None:

@@ -9,7 +9,8 @@ that of the newest one. A stream only widens them: what it has marginalised it c
 Residuals of positions are those of wheel and inertial sensor where these err by more than is assumed of them. So GNSS
 is not judged while another group of residuals is further beyond its sigmas
 (:mod:`trackfg.streaming.window.noise_record`), nor, if residuals have shown another group to be noisier than declared,
-while the sigmas of the speed are doubted (:mod:`trackfg.streaming.sigma_test`), and what was learnt is forgotten.
+while the sigmas of the speed are doubted (:mod:`trackfg.streaming.doubts.sigma_test`), and what was learnt is
+forgotten.
 
 If the stream is what errs, its residuals grow as positions lose their weight, and they would lose more. So where they
 have had little for longer than a receiver's errors last, and residuals are beyond the level that was seen when that
@@ -29,7 +30,7 @@ from trackfg.factors.factor_type import FactorType
 from trackfg.factors.family import Family, changed, family_of
 from trackfg.factors.loss import Huber
 from trackfg.numerics.arrays import Array
-from trackfg.results.events import DOUBT, Event
+from trackfg.results.events import Event, doubt_event
 from trackfg.smoothing.gnss_errors import (
     FEWEST,
     LONGEST_S,
@@ -182,18 +183,22 @@ class GnssRecord:
         further off than any receiver's, known at the end of a stream.
         """
         if self.kind is FactorType.GNSS_SPEED:
-            quantities, name, unit = "chainage, speed", "speeds of the receiver", "gnss_speed.unit and its sigmas"
+            quantities: tuple[str, ...] = ("chainage", "speed")
+            name, declared = "speeds of the receiver", "gnss_speed.unit and its sigmas"
         else:
-            quantities, name = "position, yaw, chainage, speed", "GNSS positions"
-            unit = "the order, unit and sigmas of gnss.position and the axes of the gyro"
-        less = f"{quantities}: {name} had too little weight: smooth the recording"
-        spans = tuple(Event(DOUBT, "gnss", since, until, 0, less) for since, until in self.regained.tolist())
+            quantities, name = ("position", "yaw", "chainage", "speed"), "GNSS positions"
+            declared = "the order, unit and sigmas of gnss.position and the axes of the gyro"
+        less, advice = f"{name} had too little weight", "smooth the recording"
+        spans = tuple(
+            doubt_event(quantities, less, advice, table="gnss", t_s=since, until_s=until)
+            for since, until in self.regained.tolist()
+        )
         off = float(np.median(np.linalg.norm(self.residual[:, :2], axis=1))) if len(self.t) >= FEWEST else 0.0
         if off < _FAR:
             return spans
-        what = f"most {name} are {off:.0f} declared sigmas or more from where the other sensors have them"
-        advice = f"check {unit}, or smooth the recording"
-        return (*spans, Event(DOUBT, t_s=until_s, detail=f"{quantities}: {what}: {advice}"))
+        reason = f"most {name} are {off:.0f} declared sigmas or more from where the other sensors have them"
+        advice = f"check {declared}, or smooth the recording"
+        return (*spans, doubt_event(quantities, reason, advice, t_s=until_s))
 
     def weigh(self, window: Window, width: float) -> Window:
         """Return the window with the sigmas of its positions multiplied by their factors, and a loss of that ``width``

@@ -22,7 +22,7 @@ from trackfg.factors.factor_type import FactorType
 from trackfg.factors.family import Family, changed
 from trackfg.factors.imu import Preintegration
 from trackfg.numerics.arrays import Array
-from trackfg.results.events import DOUBT, Event
+from trackfg.results.events import Event, doubt_event
 from trackfg.sensors.imu_noise import NoiseAtRest, NoiseFloor, RestNoise
 from trackfg.smoothing.doubts.path_doubts import ON_SPRINGS, off_its_heading
 from trackfg.smoothing.leaning_body import HINT, OF_TRACK
@@ -206,7 +206,7 @@ class NoiseRecord:
             )
         if levels["path"] >= ON_SPRINGS:
             reasons.append(off_its_heading(levels["path"]))
-        return tuple(Event(DOUBT, t_s=until_s, detail=f"{', '.join(OF_TRACK)}: {reason}: {HINT}") for reason in reasons)
+        return tuple(doubt_event(OF_TRACK, reason, HINT, t_s=until_s) for reason in reasons)
 
     def _rms_levels(self) -> dict[str, float]:
         """Return the level of each group, rms over the intervals that were marginalised."""

@@ -26,7 +26,7 @@ from trackfg.factors.family import changed
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.chi_square import exceeds_chance
 from trackfg.recording.description import ImuNoise
-from trackfg.results.events import DOUBT, Event
+from trackfg.results.events import Event, doubt_event
 from trackfg.smoothing.noise_levels import FAR_OFF, level_like, levels_seen, settled
 from trackfg.solver.variance_components import Residuals
 from trackfg.streaming.window.window import Window
@@ -105,6 +105,6 @@ class WalkRecord:
 
 
 def _doubt(sensor: str, level: float, until_s: float) -> Event:
-    doubt = f"roll, pitch, cross_level, gradient: biases of the {sensor} walk {level:.1f} times as fast as declared"
+    reason = f"biases of the {sensor} walk {level:.1f} times as fast as declared"
     advice = f"declare {_SENSORS[sensor]} of [imu.noise] as much larger at least, or smooth the recording"
-    return Event(DOUBT, t_s=until_s, detail=f"{doubt}: {advice}")
+    return doubt_event(("roll", "pitch", "cross_level", "gradient"), reason, advice, t_s=until_s)

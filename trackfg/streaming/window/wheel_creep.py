@@ -41,7 +41,7 @@ from trackfg.factors.states import Odo
 from trackfg.graph.fix_consensus import SHORTEST_LINE_M, wrong_is_likelier
 from trackfg.graph.odometry import ROLLED_AT_REST_M
 from trackfg.numerics.arrays import Array
-from trackfg.results.events import DOUBT, Event
+from trackfg.results.events import Event, doubt_event
 from trackfg.solver.scale_evidence import CLEARLY, ScaleEvidence
 from trackfg.streaming.window.window import Window
 
@@ -93,11 +93,10 @@ class Creep:
 
     def doubt(self, until_s: float) -> Event:
         """Return the event that estimates before ``until_s``, which are written, did not know of it."""
-        detail = (
-            f"chainage, speed: the wheel crept, by {abs(self.further_m):.1f} m in all, which sigmas did not allow for: "
-            "widen that of chainage by as much, or smooth the recording"
-        )
-        return Event(DOUBT, "fixes", self.since_s, until_s, 0, detail)
+        reason = f"the wheel crept, by {abs(self.further_m):.1f} m in all, which sigmas did not allow for"
+        advice = "widen that of chainage by as much, or smooth the recording"
+        quantities = ("chainage", "speed")
+        return doubt_event(quantities, reason, advice, table="fixes", t_s=self.since_s, until_s=until_s)
 
 
 def with_creep(window: Window, creep: Creep) -> Window:

@@ -12,7 +12,7 @@ from trackfg.datasets.effects.clocks import LateAccelerometer
 from trackfg.datasets.scenarios import scenario, simulate
 from trackfg.results.events import DOUBT
 from trackfg.sensors.imu_intervals import Intervals, intervals
-from trackfg.streaming.accelerometer_test import AccelerometerTest
+from trackfg.streaming.doubts.accelerometer_test import AccelerometerTest
 
 
 def ridden(late_ms: float, speed_sd_mps: float = 1.0) -> tuple[Intervals, pd.DataFrame]:

@@ -14,7 +14,7 @@ import pandas as pd
 
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.float_table import columns_of
-from trackfg.results.events import DOUBT, Event
+from trackfg.results.events import Event, doubt_event
 from trackfg.sensors.averages import Motion
 from trackfg.sensors.imu_filters.accelerometer_clock import (
     BLOCK_S,
@@ -26,12 +26,14 @@ from trackfg.sensors.imu_filters.accelerometer_clock import (
     clock_near_start,
 )
 from trackfg.sensors.imu_intervals import Intervals, means_between
-from trackfg.streaming.sigma_test import LEAST_RATIO
+from trackfg.streaming.doubts.sigma_test import LEAST_RATIO
 
 
 @dataclass
 class AccelerometerTest:
-    """``products`` (starts, b, 5, 5): the sums of the first blocks in motion, with samples moved by each of
+    """The test keeps sums over blocks of samples in motion.
+
+    ``products`` (starts, b, 5, 5): the sums of the first blocks in motion, with samples moved by each of
     :data:`~trackfg.sensors.imu_filters.accelerometer_clock.STARTS_S`. ``rows``: how many rows of the trajectory have
     come; ``accelerations``: the sum of their squared accelerations over the variances of the speed, 1/s^2.
     """
@@ -64,6 +66,6 @@ class AccelerometerTest:
         if clock is None or not clock.is_sure:
             return ()
         wrong_speed = 1.0 + clock.offset_s**2 * self.accelerations / self.rows > LEAST_RATIO**2
-        names = "level, alignment, speed" if wrong_speed else "level, alignment"
-        detail = f"{names}: {clock.sentence}: do not trust them, or give both sensors the same filter"
-        return (Event(DOUBT, t_s=until_s, detail=detail),)
+        quantities = ("level", "alignment", "speed") if wrong_speed else ("level", "alignment")
+        advice = "do not trust them, or give both sensors the same filter"
+        return (doubt_event(quantities, clock.sentence, advice, t_s=until_s),)

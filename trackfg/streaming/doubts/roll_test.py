@@ -1,7 +1,7 @@
 """A stream tests whether its mean roll on straights is zero, as :mod:`trackfg.smoothing.straights` does of a run.
 
-Of the cells along the way (:mod:`trackfg.streaming.track_cells`) only those are kept of which it is not known yet
-whether they are on a straight.
+Of the cells along the way (:mod:`trackfg.streaming.doubts.track_cells`) only those are kept of which it is not known
+yet whether they are on a straight.
 
 The variance V of a cell's roll falls with time, and the errors of all cells are fully correlated. The mean
 has the weights ``1 / V``, so that its variance is ``n / sum(1 / V)`` at most (Cauchy and Schwarz).
@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from trackfg.numerics.arrays import Array
-from trackfg.results.events import DOUBT, Event
+from trackfg.results.events import Event, doubt_event
 from trackfg.smoothing.leaning_body import ALIKE_CELLS
 from trackfg.smoothing.passage import STEP_M
 from trackfg.smoothing.straights import (
@@ -31,7 +31,7 @@ _SIGMAS = 3.3
 
 @dataclass
 class RollTest:
-    """Sums over the cells on straights.
+    """The test keeps sums over the cells on straights.
 
     ``fastest_mps``: the vehicle's highest speed; ``cells`` (c, 4): heading, roll, rad, the variance of roll, and the
     highest speed so far; ``sums`` (5,): the number of cells on straights, and the sums of their weights, of the squares
@@ -71,4 +71,4 @@ class RollTest:
         if mean**2 < _SIGMAS**2 * (number / weights + of_track):
             return ()
         advice = "declare mount_rpy_deg or mount_roll_sd_deg of [imu], or smooth the recording"
-        return (Event(DOUBT, t_s=until_s, detail=f"roll, cross_level: {in_words(mean)}: {advice}"),)
+        return (doubt_event(("roll", "cross_level"), in_words(mean), advice, t_s=until_s),)

@@ -1,5 +1,5 @@
-"""Smoothed rows of a stream on a grid along the way, for what is judged by curvature; as a run's in
-:mod:`trackfg.smoothing.passage`.
+"""Track cells are the smoothed rows of a stream on a grid along the way, as those of a run in
+:mod:`trackfg.smoothing.passage`: curvature is one of way, not of time.
 """
 
 from __future__ import annotations
@@ -14,12 +14,12 @@ from trackfg.results.columns import TRAJECTORY_COLUMNS
 from trackfg.smoothing.passage import STEP_M
 
 _COLUMNS = [TRAJECTORY_COLUMNS.index(name) for name in ("t_s", "speed_mps", "yaw_rad", "roll_rad", "roll_rad_sd")]
-"""Where in a row of the trajectory these are."""
+"""Columns of a trajectory that cells are made of."""
 
 
 @dataclass
 class TrackCells:
-    """``way_m``: how far the vehicle has travelled, ``newest`` (0 or 1, 5) the row there."""
+    """The grid is continued from ``way_m``, the way so far, where ``newest`` (0 or 1, 5) is the row."""
 
     way_m: float = 0.0
     newest: Array = field(default_factory=lambda: np.zeros((0, len(_COLUMNS))))

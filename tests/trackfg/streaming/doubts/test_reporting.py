@@ -10,22 +10,22 @@ import pytest
 from trackfg import FixedLagSmoother
 from trackfg.datasets.scenarios import simulate
 from trackfg.results.events import DOUBT, Event
-from trackfg.streaming.doubts import Doubts, subject_of
+from trackfg.streaming.doubts.reporting import DoubtReports, subject_of
 from trackfg.streaming.intake.intake import Intake
 from trackfg.streaming.sources.source import RecordingSource
 
-from .conftest import setting_off
+from ..conftest import setting_off
 
 
 def test_looks_are_further_and_further_apart_up_to_an_hour() -> None:
-    doubts = Doubts()
+    doubts = DoubtReports()
     looks = [t for t in np.arange(1000.0, 30_000.0) if doubts.are_due(float(t))]
     assert looks[:6] == [1120.0, 1240.0, 1480.0, 1960.0, 2920.0, 4840.0]
     assert max(np.diff(looks)) == 3600.0
 
 
 def test_a_doubt_is_new_once_whatever_its_factor() -> None:
-    doubts = Doubts()
+    doubts = DoubtReports()
     speed = Event(DOUBT, detail="speed: estimates differ by 2.5 times")
     assert doubts.new([speed]) == (speed,)
     assert doubts.new([replace(speed, detail="speed: estimates differ by 3 times")]) == ()

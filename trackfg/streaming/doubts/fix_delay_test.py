@@ -10,7 +10,7 @@ import pandas as pd
 from trackfg.checks.diagnosis_positions import FixPassages, delay_of
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.integrals import trapezoid_integral
-from trackfg.results.events import DOUBT, Event
+from trackfg.results.events import Event, doubt_event
 from trackfg.smoothing.doubts.late_fix_doubts import late_in_words, moved_in_sigmas
 from trackfg.smoothing.doubts.usual_sigmas import LEAST_WIDENING
 
@@ -20,7 +20,9 @@ _MOST = 300
 
 @dataclass
 class FixDelayTest:
-    """``passed`` (n, 6) has of each of the newest fixes the time, s, the way since the start of the stream, m, the
+    """The test keeps the newest fixes.
+
+    ``passed`` (n, 6) has of each of the newest fixes the time, s, the way since the start of the stream, m, the
     speed, m/s, the chainage and its sigma, m, and the sigma of the stream's chainage, m. ``last`` (1, 3): time, way and
     speed of the newest row, none before the first.
     """
@@ -52,4 +54,4 @@ class FixDelayTest:
         if factor < LEAST_WIDENING:
             return ()
         advice = f"multiply its sigmas by {factor:.1f}, or add {-delay.delay_s:.2f} to fixes.time_offset_s"
-        return (Event(DOUBT, t_s=until_s, detail=f"chainage: {late_in_words(delay)}: {advice}"),)
+        return (doubt_event(("chainage",), late_in_words(delay), advice, t_s=until_s),)

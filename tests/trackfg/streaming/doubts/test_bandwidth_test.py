@@ -7,7 +7,7 @@ import pandas as pd
 
 from trackfg.results.events import DOUBT
 from trackfg.sensors.imu_intervals import Intervals
-from trackfg.streaming.bandwidth_test import BandwidthTest
+from trackfg.streaming.doubts.bandwidth_test import BandwidthTest
 
 STEP_M = 0.25
 RESTS = np.array([[0.0, 30.0]])

@@ -9,13 +9,13 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from trackfg.numerics.arrays import Array
-from trackfg.results.events import DOUBT, Event
+from trackfg.results.events import Event, doubt_event
 from trackfg.sensors.imu_filters.axles import MEANS, STEP_S, TrackSums, axles, means, own_motion, track_sums
 from trackfg.sensors.imu_intervals import Intervals
 from trackfg.sensors.imu_noise import NoiseAtRest, noise_seen
 from trackfg.smoothing.doubts.axle_doubts import Bends, own_in_words
 from trackfg.smoothing.leaning_body import HINT, OF_TRACK
-from trackfg.streaming.bandwidth_test import advice
+from trackfg.streaming.doubts.reporting import event_of
 from trackfg.streaming.tables.smoothed_tables import Tables
 
 _WAY_M = 500.0
@@ -63,8 +63,6 @@ class AxleTest:
         if self.bends is None:
             return ()
         frame, share = axles(self.sums), own_motion(self.sums)
-        details = [] if share is None else [f"{', '.join(OF_TRACK)}: {own_in_words(share)}: {HINT}"]
-        if frame is not None:
-            doubts = self.bends.doubts(frame)
-            details += [f"{', '.join(doubt.quantities)}: {doubt.reason}: {advice(doubt)}" for doubt in doubts]
-        return tuple(Event(DOUBT, t_s=until_s, detail=detail) for detail in details)
+        of_motion = () if share is None else (doubt_event(OF_TRACK, own_in_words(share), HINT, t_s=until_s),)
+        doubts = () if frame is None else self.bends.doubts(frame)
+        return (*of_motion, *(event_of(doubt, until_s) for doubt in doubts))

@@ -1,7 +1,7 @@
 """A stream tests whether a sensor that is declared rigid leans in curves (:mod:`trackfg.smoothing.leaning_body`).
 
-Of the cells along the way (:mod:`trackfg.streaming.track_cells`) only those are kept of which it is not known yet
-whether they are in a circle, and those of a circle that is not over.
+Of the cells along the way (:mod:`trackfg.streaming.doubts.track_cells`) only those are kept of which it is not known
+yet whether they are in a circle, and those of a circle that is not over.
 """
 
 from __future__ import annotations
@@ -11,13 +11,13 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from trackfg.numerics.arrays import Array
-from trackfg.results.events import DOUBT, Event
+from trackfg.results.events import Event, doubt_event
 from trackfg.smoothing.leaning_body import FEWEST_CELLS, HINT, NEIGHBOURS, OF_TRACK, circle_sums, circles, lean_of, pull
 
 
 @dataclass
 class LeanTest:
-    """Sums over the circles that are over.
+    """The test keeps sums over the circles that are over.
 
     ``cells`` (c, 4): heading and roll, rad, the variance of roll, and the speed, m/s; circles that begin before the
     ``first`` of these have been judged; ``sums`` (5,) are those of :func:`~trackfg.smoothing.leaning_body.circle_sums`.
@@ -46,5 +46,4 @@ class LeanTest:
         lean = lean_of(self.sums)
         if not lean.is_sure:
             return ()
-        doubt = f"{', '.join(('roll', *OF_TRACK))}: {lean.in_words()}"
-        return (Event(DOUBT, t_s=until_s, detail=f"{doubt}: {HINT}"),)
+        return (doubt_event(("roll", *OF_TRACK), lean.in_words(), HINT, t_s=until_s),)

@@ -9,18 +9,18 @@ import pandas as pd
 from trackfg.graph.inputs import declared_noise
 from trackfg.results.events import Event
 from trackfg.sensors.imu_intervals import Intervals
-from trackfg.streaming.accelerometer_test import AccelerometerTest
-from trackfg.streaming.axle_test import AxleTest
-from trackfg.streaming.bandwidth_test import BandwidthTest
-from trackfg.streaming.cut_test import CutTest
-from trackfg.streaming.far_priors import prior_doubts
-from trackfg.streaming.fix_delay_test import FixDelayTest
-from trackfg.streaming.lean_test import LeanTest
-from trackfg.streaming.roll_test import RollTest
-from trackfg.streaming.sigma_test import SigmaTest, fix_doubts
+from trackfg.streaming.doubts.accelerometer_test import AccelerometerTest
+from trackfg.streaming.doubts.axle_test import AxleTest
+from trackfg.streaming.doubts.bandwidth_test import BandwidthTest
+from trackfg.streaming.doubts.cut_test import CutTest
+from trackfg.streaming.doubts.far_priors import prior_doubts
+from trackfg.streaming.doubts.fix_delay_test import FixDelayTest
+from trackfg.streaming.doubts.lean_test import LeanTest
+from trackfg.streaming.doubts.roll_test import RollTest
+from trackfg.streaming.doubts.sigma_test import SigmaTest, fix_doubts
+from trackfg.streaming.doubts.track_cells import TrackCells
+from trackfg.streaming.doubts.vibration_test import VibrationTest
 from trackfg.streaming.tables.smoothed_tables import Tables
-from trackfg.streaming.track_cells import TrackCells
-from trackfg.streaming.vibration_test import VibrationTest
 from trackfg.streaming.window.moving_window import MovingWindow
 from trackfg.streaming.window.running_window import RunningWindow
 

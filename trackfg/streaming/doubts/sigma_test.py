@@ -20,7 +20,7 @@ from trackfg.numerics.arrays import Array
 from trackfg.numerics.chi_square import exceeds_chance, independent_number
 from trackfg.numerics.spans import Span
 from trackfg.output.trajectory import QUANTITIES
-from trackfg.results.events import DOUBT, Event
+from trackfg.results.events import Event, doubt_event
 from trackfg.results.verdict import Quantity
 from trackfg.results.widening import QUANTITY_OF_COLUMN
 from trackfg.streaming.checkpoint.snapshot import DERIVED
@@ -50,7 +50,7 @@ _LASTING = 0.999
 
 @dataclass
 class SigmaTest:
-    """Sums over the differences of each quantity of a trajectory.
+    """The test keeps sums over the differences of each quantity of a trajectory.
 
     ``waiting``: filtered rows (17,) that have no smoothed ones yet, ``newest`` (0 or 1, 17) the newest smoothed row;
     ``sums`` (8, 3): the number of whitened differences, the sum of their squares, and that of their products with the
@@ -133,15 +133,13 @@ def fix_doubts(number: int, squares: float, until_s: float) -> tuple[Event, ...]
     mean = squares / max(number, 1)
     if mean < LEAST_RATIO**2 or not exceeds_chance(mean, number, _CHANCE):
         return ()
-    doubt = f"chainage, speed: fixes are {np.sqrt(mean):.1f} times as far from where they were expected as sigmas allow"
-    return (Event(DOUBT, t_s=until_s, detail=f"{doubt}: {_ADVICE}"),)
+    reason = f"fixes are {np.sqrt(mean):.1f} times as far from where they were expected as sigmas allow"
+    return (doubt_event(("chainage", "speed"), reason, _ADVICE, t_s=until_s),)
 
 
 def _doubt(quantities: tuple[Quantity, ...], ratio: float, until_s: float) -> Event:
-    doubt = (
-        f"{', '.join(quantities)}: smoothed and filtered estimates differ by {ratio:.1f} times what their sigmas allow"
-    )
-    return Event(DOUBT, t_s=until_s, detail=f"{doubt}: {_ADVICE}")
+    reason = f"smoothed and filtered estimates differ by {ratio:.1f} times what their sigmas allow"
+    return doubt_event(quantities, reason, _ADVICE, t_s=until_s)
 
 
 def _in_sigmas(filtered: Array, smoothed: Array, column: int, *, is_angle: bool) -> Array:

@@ -14,9 +14,9 @@ from trackfg.datasets.scenarios import simulate
 from trackfg.factors.bias import RECTIFICATION
 from trackfg.factors.states import Kind, States
 from trackfg.results.events import DOUBT, Event
-from trackfg.streaming.far_priors import prior_doubts
+from trackfg.streaming.doubts.far_priors import prior_doubts
 
-from .conftest import setting_off, streamed
+from ..conftest import setting_off, streamed
 
 SD = 5e-4
 """Declared of the accelerometer, m/s^2 per (m/s^2)^2."""

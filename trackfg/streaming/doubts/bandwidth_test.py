@@ -4,17 +4,16 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import pandas as pd
 
 from trackfg.numerics.arrays import Array
-from trackfg.results.events import DOUBT, Event
-from trackfg.results.verdict import Doubt
+from trackfg.results.events import Event
 from trackfg.sensors.imu_filters.bandwidth import Bandwidths, RestSpectra
 from trackfg.sensors.imu_intervals import Intervals
 from trackfg.smoothing.doubts.bandwidth_doubts import ShortWaves
+from trackfg.streaming.doubts.reporting import event_of
 
 
 @dataclass
@@ -45,15 +44,4 @@ class BandwidthTest:
         """Return an event for each quantity whose short waves are missing."""
         if self.waves is None:
             return ()
-        return tuple(
-            Event(DOUBT, t_s=until_s, detail=f"{', '.join(doubt.quantities)}: {doubt.reason}: {advice(doubt)}")
-            for doubt in self.waves.doubts(self.bandwidths)
-        )
-
-
-def advice(doubt: Doubt) -> str:
-    """Return what to do about a doubt, in words."""
-    known = math.isfinite(doubt.factor)
-    return (
-        f"multiply its sigmas by {doubt.factor:.1f}, or {doubt.hint}" if known else f"do not trust it, or {doubt.hint}"
-    )
+        return tuple(event_of(doubt, until_s) for doubt in self.waves.doubts(self.bandwidths))

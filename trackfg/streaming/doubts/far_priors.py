@@ -14,7 +14,7 @@ from trackfg.config import SmoothConfig
 from trackfg.factors.bias import RECTIFICATION
 from trackfg.factors.states import States
 from trackfg.numerics.arrays import Array
-from trackfg.results.events import DOUBT, Event
+from trackfg.results.events import Event, doubt_event
 from trackfg.smoothing.clocks import late_clocks
 from trackfg.smoothing.rectification import grown_bias
 
@@ -43,15 +43,13 @@ def _clock_doubts(clock: Array, config: SmoothConfig, until_s: float) -> tuple[E
 
 def _late(table: str, offset_s: float, until_s: float) -> Event:
     advice = f"add {offset_s:.2f} to {table}.time_offset_s, or smooth the recording"
-    return Event(
-        DOUBT, t_s=until_s, detail=f"chainage, position, speed: {late_clocks.in_words(table, offset_s)}: {advice}"
-    )
+    reason = late_clocks.in_words(table, offset_s)
+    return doubt_event(("chainage", "position", "speed"), reason, advice, t_s=until_s)
 
 
 def _rectification_doubts(coefficients: Array, sd: float, until_s: float) -> tuple[Event, ...]:
     if float(np.abs(coefficients).max()) <= _FAR_SIGMAS * sd:
         return ()
     advice = "declare rectification_sd of [imu.noise] as large, or smooth the recording"
-    return (
-        Event(DOUBT, t_s=until_s, detail=f"roll, pitch, cross_level, gradient: {grown_bias(coefficients)}: {advice}"),
-    )
+    quantities = ("roll", "pitch", "cross_level", "gradient")
+    return (doubt_event(quantities, grown_bias(coefficients), advice, t_s=until_s),)

@@ -10,8 +10,8 @@ from trackfg.results.columns import TRAJECTORY_COLUMNS
 from trackfg.results.events import DOUBT
 from trackfg.smoothing.passage import STEP_M
 from trackfg.smoothing.straights import straight, straightest
-from trackfg.streaming.roll_test import RollTest
-from trackfg.streaming.track_cells import TrackCells
+from trackfg.streaming.doubts.roll_test import RollTest
+from trackfg.streaming.doubts.track_cells import TrackCells
 
 SPEED_MPS, RATE_HZ, SD_RAD = 12.0, 10.0, 1e-3
 

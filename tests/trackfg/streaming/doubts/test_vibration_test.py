@@ -15,7 +15,7 @@ from trackfg.recording.description import Track
 from trackfg.results.events import DOUBT
 from trackfg.sensors.imu_intervals import Intervals, intervals
 from trackfg.sensors.short_vibration import Blocks
-from trackfg.streaming.vibration_test import VibrationTest
+from trackfg.streaming.doubts.vibration_test import VibrationTest
 
 SPEED_MPS, SD_MM = 8.0, 0.05
 CONVENTIONS = geometry_conventions(GeometryConfig(), Track())

@@ -12,14 +12,17 @@ import numpy as np
 import pandas as pd
 
 from trackfg.numerics.arrays import Array
-from trackfg.results.events import DOUBT, Event
-from trackfg.smoothing.doubts.cut_doubts import CELLS, HINT, LEAST_SD_M, cut_per_cell, in_words
+from trackfg.results.events import Event
+from trackfg.smoothing.doubts.cut_doubts import CELLS, LEAST_SD_M, cut_per_cell, doubt_of_cut
 from trackfg.smoothing.doubts.usual_sigmas import LEAST_WIDENING
+from trackfg.streaming.doubts.reporting import event_of
 
 
 @dataclass
 class CutTest:
-    """``heading`` (c,): that of the newest cells, rad; ``cut_m``: the way that may be cut since the last of ``fixes``,
+    """The test keeps the way that may be cut, and sums of it over the sigmas.
+
+    ``heading`` (c,): that of the newest cells, rad; ``cut_m``: the way that may be cut since the last of ``fixes``,
     and the ``most_m`` that was; ``rows`` and ``squares``: of the trajectory, and the sum of squares of the cut over the
     sigma. ``sharp``: the vehicle turns more sharply than any on bogies.
     """
@@ -54,5 +57,4 @@ class CutTest:
         factor = math.sqrt(1.0 + self.squares / max(self.rows, 1))
         if self.sharp or factor < LEAST_WIDENING:
             return ()
-        detail = f"chainage: {in_words(self.most_m)}: multiply its sigmas by {factor:.1f}, or {HINT}"
-        return (Event(DOUBT, t_s=until_s, detail=detail),)
+        return (event_of(doubt_of_cut(factor, self.most_m), until_s),)

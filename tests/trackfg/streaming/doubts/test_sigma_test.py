@@ -8,7 +8,7 @@ import pytest
 
 from trackfg.results.columns import TRAJECTORY_COLUMNS
 from trackfg.results.events import DOUBT
-from trackfg.streaming.sigma_test import SigmaTest, fix_doubts
+from trackfg.streaming.doubts.sigma_test import SigmaTest, fix_doubts
 
 FILTERED_SD, SMOOTHED_SD = 0.5, 0.3
 """Their difference has the sigma 0.4."""

@@ -7,13 +7,15 @@ whole.
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
 
-from trackfg.results.events import Event
+from trackfg.results.events import Event, doubt_event
+from trackfg.results.verdict import Doubt
 
 _FIRST_S = 120.0
 """Time from the first estimates to the first look, s: six times a lag of 20 s."""
@@ -25,8 +27,10 @@ _NUMBER = re.compile(r"[-+]?\d+(\.\d+)?(e[-+]?\d+)?")
 
 
 @dataclass
-class Doubts:
-    """``began_s``: when estimates began, ``next_s``: when doubts are looked for next, s; ``reported``: the subjects of
+class DoubtReports:
+    """The reports so far, and the time of the next.
+
+    ``began_s``: when estimates began, ``next_s``: when doubts are looked for next, s; ``reported``: the subjects of
     those that were reported.
     """
 
@@ -53,3 +57,9 @@ class Doubts:
 def subject_of(event: Event) -> str:
     """Return what an event is about: its kind and its sentence without the numbers."""
     return f"{event.kind}: {_NUMBER.sub('', event.detail)}"
+
+
+def event_of(doubt: Doubt, until_s: float) -> Event:
+    """Return the event of a doubt as the batch has it, known at ``until_s``, s: a stream widens no written sigmas."""
+    widened = f"multiply its sigmas by {doubt.factor:.1f}" if math.isfinite(doubt.factor) else "do not trust it"
+    return doubt_event(doubt.quantities, doubt.reason, f"{widened}, or {doubt.hint}", t_s=until_s)

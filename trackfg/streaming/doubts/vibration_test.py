@@ -11,12 +11,13 @@ import pandas as pd
 
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.float_table import columns_of
-from trackfg.results.events import DOUBT, Event
+from trackfg.results.events import Event
 from trackfg.results.summary import GeometryConventions
 from trackfg.sensors.imu_intervals import Intervals
 from trackfg.sensors.short_vibration import Blocks
 from trackfg.smoothing.doubts.usual_sigmas import COLUMNS, inverse_squares, usual_sigma
-from trackfg.smoothing.doubts.vibration_doubts import HINT, visible_vibration
+from trackfg.smoothing.doubts.vibration_doubts import doubts_of_vibration
+from trackfg.streaming.doubts.reporting import event_of
 
 _MOST_BLOCKS = 5000
 """Blocks that are kept, of 1.28 s each: two hours say how a sensor vibrates."""
@@ -54,8 +55,4 @@ class VibrationTest:
             for name, (number, inverse) in zip(COLUMNS, self.sums.tolist(), strict=True)
             if number
         }
-        shown = visible_vibration(self.blocks, usual, conventions)
-        return tuple(
-            Event(DOUBT, t_s=until_s, detail=f"{name}: {reason}: multiply its sigmas by {factor:.1f}, or {HINT}")
-            for name, (factor, reason) in shown.items()
-        )
+        return tuple(event_of(doubt, until_s) for doubt in doubts_of_vibration(self.blocks, usual, conventions))

@@ -14,9 +14,9 @@ from trackfg.numerics.units import STANDARD_GRAVITY
 from trackfg.results.events import DOUBT
 from trackfg.smoothing.leaning_body import circle_sums, circles, pull
 from trackfg.smoothing.passage import STEP_M
-from trackfg.streaming.lean_test import LeanTest
+from trackfg.streaming.doubts.lean_test import LeanTest
 
-from .conftest import setting_off, streamed
+from ..conftest import setting_off, streamed
 
 
 def cells(share: float) -> np.ndarray:
