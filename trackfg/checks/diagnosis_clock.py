@@ -216,8 +216,20 @@ def on_imu_clock(tach: pd.DataFrame, offset: ClockOffset | None) -> pd.DataFrame
 
 
 def tach_acceleration(motion: Motion) -> Array:
-    """Return dv/dt of the tach at the centres of the intervals, m/s^2, by central differences. Shape (n,)."""
-    return np.asarray(np.gradient(motion.speed, motion.step_s), dtype=np.float64)
+    """Return dv/dt of the tach at the centres of the intervals, m/s^2, by central differences. Shape (n,).
+
+    Over a gap the speed is only known on average, which would be a jump at its ends: there the difference is that of
+    the known side, and within it dv/dt is interpolated. It is 0 where nothing is known.
+    """
+    change = np.diff(np.where(motion.valid, motion.speed, np.nan)) / motion.step_s
+    behind, ahead = np.append(np.nan, change), np.append(change, np.nan)
+    only = np.where(np.isnan(ahead), behind, ahead)
+    acceleration = np.where(np.isnan(behind) | np.isnan(ahead), only, 0.5 * (behind + ahead))
+    known = np.isfinite(acceleration)
+    if not known.any():
+        return np.zeros_like(acceleration)
+    index = np.arange(acceleration.size)
+    return np.asarray(np.interp(index, index[known], acceleration[known]))
 
 
 @dataclass(frozen=True)

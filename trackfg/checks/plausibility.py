@@ -16,7 +16,7 @@ from trackfg.checks.clock_overlap import clock_findings, of_this_run
 from trackfg.checks.columns import interval_finding
 from trackfg.checks.inertial.inertial_units import gravity_findings, gyro_findings
 from trackfg.checks.limits import CheckLimits
-from trackfg.checks.sizes import unusual_size
+from trackfg.checks.sizes import GAUGE_M, unusual_size
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.spans import median_interval
 from trackfg.recording.description import Imu, Track
@@ -114,7 +114,7 @@ def _track(track: Track, toml: str, gnss_origin: Array | None) -> list[Finding]:
     """Return what is wrong with the sizes of the track, or with its latitude beside that of the positions."""
     report = []
     for key in ("gauge_m", "cross_level_base_m"):
-        report += unusual_size("error", "track-size", getattr(track, key), (0.3, 4.0), Section(toml, f"track.{key}"))
+        report += unusual_size("error", "track-size", getattr(track, key), GAUGE_M, Section(toml, f"track.{key}"))
     base, gauge, key = track.cross_level_base_m, track.gauge_m, "track.cross_level_base_m"
     if "cross_level_base_m" not in track.model_fields_set:
         if abs(gauge - Track().gauge_m) > _SAME_GAUGE_M:

@@ -11,6 +11,11 @@ from trackfg.numerics.arrays import Array
 from trackfg.recording.description import GnssSpeed, Laser, Speed, Tach
 from trackfg.recording.findings import Finding, Level, Section
 
+GAUGE_M = (0.3, 4.0)
+"""Gauges from the narrowest of park railways to wider than any crane's, m."""
+WHEEL_M = (0.05, 2.0)
+"""Diameters of wheels from a measuring wheel's to those of the largest steam engines, m."""
+
 _UNIT_TOLERANCE = 0.1
 """A ratio this near to that of two units is taken for it: wheel and sensor are never scaled as wrongly otherwise."""
 
@@ -57,7 +62,7 @@ def tach_findings(tach: Tach, section: Section, table: pd.DataFrame, limits: Che
     findings = speed_findings("tach-unit", speed, tach, hint, limits) or _tach_jumps(tach, t, distance, limits)
     if tach.wheel_diameter_m is not None:
         key = Section(section.file, f"{section.name}.wheel_diameter_m")
-        findings += unusual_size("warning", "wheel-diameter", tach.wheel_diameter_m, (0.05, 2.0), key)
+        findings += unusual_size("warning", "wheel-diameter", tach.wheel_diameter_m, WHEEL_M, key)
     return findings
 
 

@@ -113,7 +113,11 @@ def init(
 
     target = mapping or out.with_name(f"{out.name}.mapping.toml")
     if target.exists():
-        raise BadInputError(f"{target}: exists; expected a new file. Hint: name another one with --mapping")
+        again = command("import", source, "-o", out, "--mapping", target)
+        raise BadInputError(
+            f"{target}: exists; expected a new file. Hint: name another one with --mapping; or to change its answers, "
+            f"edit it, remove {out} and run: {again}"
+        )
     with working("reading"):
         form, tables = source_tables(source, from_format, None)
         measured = geometry_in(tables, None, source.stem)

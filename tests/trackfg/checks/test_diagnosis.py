@@ -256,6 +256,20 @@ def test_a_sensor_turned_over_is_refused_and_the_axes_proposed(
     assert report.estimates["axes"]["proposed"] == true
 
 
+def test_a_gap_in_motion_does_not_hide_the_forward_axis(read: Callable[..., Recording]) -> None:
+    """At its ends the mean speed over the gap is no change of speed."""
+    recording = read()
+    assert recording.tach is not None
+    t, distance = recording.tach["t_s"].to_numpy(), recording.tach["distance_m"].to_numpy()
+    speed = np.gradient(distance, t)
+    middle = t[np.argmax(speed > 0.5 * speed.max())]
+    parts = [table[~table["t_s"].between(middle - 7.0, middle + 7.0)] for table in (recording.imu, recording.tach)]
+    axes = estimate_axes(parts[0].reset_index(drop=True), parts[1].reset_index(drop=True), "FLU")
+    assert axes.shown_by == "motion"
+    assert axes.best_forward == "+x"
+    assert axes.best_forward_correlation > 0.9
+
+
 @pytest.mark.parametrize("axes", AXES)
 def test_right_axes_are_left_alone(axes: str, make_draft: MakeDraft, tmp_path: Path) -> None:
     draft = make_draft()

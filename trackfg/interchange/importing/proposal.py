@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import tomli_w
 
+from trackfg.checks.sizes import GAUGE_M
 from trackfg.errors import BadInputError
 from trackfg.interchange.importing.columns.calendar_columns import COMPOSED, parts_of_dates
 from trackfg.interchange.importing.columns.column_meaning import first_of, kind_in
@@ -307,7 +308,7 @@ def _vehicle(proposal: Proposal, ask: Ask) -> None:
         )
         imu["rigid"] = ask(Question("imu.rigid", text, "no", ("yes", "no"))) == "yes"
     if "track" not in proposal.sections:
-        gauge = asked_number(ask, "track.gauge_m", "Track gauge, m", "1.435")
+        gauge = asked_number(ask, "track.gauge_m", "Track gauge, m", "1.435", GAUGE_M)
         proposal.sections["track"] = {"gauge_m": gauge, "cross_level_base_m": 1.5 if gauge >= 1.435 else gauge}
 
 

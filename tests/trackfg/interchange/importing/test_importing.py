@@ -70,11 +70,13 @@ def test_a_vendor_s_log_needs_one_command_and_no_script(trackfg, tmp_path):
     out = tmp_path / "run"
 
     command = [sys.executable, "-m", "trackfg", "init", source, "-o", out]
-    answers = "90\n0.92\nnowhere\nUTC\n\n\n"
+    answers = "90\n920\n0.92\nnowhere\nUTC\n\n\n"
     done = subprocess.run(command, capture_output=True, text=True, input=answers, timeout=120)
 
     assert done.returncode == 0, done.stderr
-    assert "nowhere is not understood; expected a zone such as Europe/Zurich" in " ".join(done.stdout.split())
+    said = " ".join(done.stdout.split())
+    assert "920 is not understood; expected a number with a decimal point, such as 0.92, up to 2" in said
+    assert "nowhere is not understood; expected a zone such as Europe/Zurich" in said
     assert "time_zone" not in done.stderr  # it was answered
     assert "trackfg check says whether they agree" in done.stdout
     recording = read_recording(out)
@@ -84,6 +86,9 @@ def test_a_vendor_s_log_needs_one_command_and_no_script(trackfg, tmp_path):
     assert recording.fixes["chainage_m"].iloc[0] > 12_000.0
     mapping = tmp_path / "run.mapping.toml"
     assert "pulses_per_rev" in mapping.read_text()
+    other = trackfg("init", source, "-o", out)
+    assert other.returncode == 2
+    assert f"to change its answers, edit it, remove {out} and run: trackfg import {source}" in other.stderr
     again = trackfg("import", source, "-o", tmp_path / "again", "--mapping", mapping)
     assert again.returncode == 0
     assert "assumed" not in again.stderr
@@ -152,11 +157,12 @@ def test_init_says_what_it_recognised_and_takes_the_place_where_the_run_begins(a
     source = tmp_path / "trolley.csv"
     table.to_csv(source, index=False)
 
-    done = answered("init", source, "-o", tmp_path / "run", answers="maybe\ny\n\nnowhere\n12+300\nn\n")
+    done = answered("init", source, "-o", tmp_path / "run", answers="maybe\ny\n1435\n\nnowhere\n12+300\nn\n")
 
     assert done.returncode == 0, done.stderr
     said = " ".join(done.stdout.split())
     assert "expected yes or no" in said  # a choice may be begun, not guessed
+    assert "1435 is not understood; expected a number with a decimal point, such as 1.435, from 0.3 to 4" in said
     assert "nowhere is not understood; expected a place such as 12+345" in said
     assert "Recognised in trolley.csv" in said
     toml = tomllib.loads((tmp_path / "run" / "recording.toml").read_text())

@@ -18,6 +18,7 @@ import pandas as pd
 import pytest
 from interchange.foreign_forms import Drive
 
+from trackfg.datasets.scenarios import simulate
 from trackfg.errors import BadInputError
 from trackfg.interchange.importing.conversion import Imported, converted, write_imported
 from trackfg.interchange.importing.mapping import mapping_of
@@ -525,6 +526,26 @@ def test_the_force_shows_units_that_are_not_stated(unit: str, mps: float, tmp_pa
     assert recording.tach is not None
     np.testing.assert_allclose(np.ptp(recording.tach["distance_m"]), np.trapezoid(speed, t), rtol=1e-4)
     np.testing.assert_allclose(recording.gyro, gyro, atol=1e-6)
+
+
+def test_units_show_on_other_axes_too(tmp_path: Path) -> None:
+    """Of a sensor on its side, which states no unit, the forces say something once it is known which is forward."""
+    run = simulate("mainline", seed=3, duration_s=240.0).recording
+    assert run.tach is not None
+    t = run.imu["t_s"].to_numpy()
+    gyro, accel = np.degrees(run.gyro)[:, [1, 2, 0]], run.accel[:, [1, 2, 0]]
+    speed = np.gradient(np.interp(t, run.tach["t_s"], run.tach["distance_m"]), t) * 3.6
+    speed = pd.Series(speed).rolling(200, center=True, min_periods=1).mean().to_numpy()
+    names = ["time_s", "gyro_x", "gyro_y", "gyro_z", "acc_x", "acc_y", "acc_z", "speed"]
+    pd.DataFrame(np.column_stack([t, gyro, accel, speed]), columns=names).to_csv(tmp_path / "log.csv", index=False)
+
+    recording, keys = _answered(tmp_path / "log.csv", tmp_path / "r")
+
+    assert recording.description.imu.axes == "LUF"
+    assert not {"tach.unit", "imu.gyro_unit"} & set(keys)
+    np.testing.assert_allclose(recording.gyro, run.gyro, atol=1e-6)
+    assert recording.tach is not None
+    np.testing.assert_allclose(np.ptp(recording.tach["distance_m"]), np.ptp(run.tach["distance_m"]), rtol=0.01)
 
 
 def test_a_unit_that_is_not_known_is_asked_and_turns_need_the_wheel(drive: Drive, tmp_path: Path) -> None:

@@ -59,6 +59,8 @@ def settle_by_force(proposal: Proposal, tables: Sequence[SourceTable], ask: Ask)
             recording = _recording(proposal, tables)
             estimates = estimates_of(recording)
             _axes(proposal, estimates, recording, ask)
+        if imu["axes"] != estimates.axes.declared:
+            estimates = estimates_of(_recording(proposal, tables))  # units show on the right axes only
         _level(proposal, estimates)
     if _settle_speed(proposal, estimates):
         estimates = estimates_of(_recording(proposal, tables))

@@ -52,17 +52,22 @@ def asked(ask: Ask, question: Question) -> str:
     return answer
 
 
-def asked_number(ask: Ask, key: str, text: str, default: str) -> float:
-    """Return a number above zero."""
+def asked_number(
+    ask: Ask, key: str, text: str, default: str, within: tuple[float, float] = (0.0, float("inf"))
+) -> float:
+    """Return a number above zero and ``within`` two bounds, so that an answer in another unit is asked again."""
+    low, high = within
     expected = f"a number with a decimal point, such as {default}" if default else "a number"
-    return float(asked(ask, Question(key, text, default, accepts=_is_positive, expected=expected)))
+    if high < float("inf"):
+        expected += f", up to {high:g}" if low == 0.0 else f", from {low:g} to {high:g}"
 
+    def accepts(answer: str) -> bool:
+        try:
+            return 0.0 < float(answer) < float("inf") and low <= float(answer) <= high
+        except ValueError:
+            return False
 
-def _is_positive(answer: str) -> bool:
-    try:
-        return 0.0 < float(answer) < float("inf")
-    except ValueError:
-        return False
+    return float(asked(ask, Question(key, text, default, accepts=accepts, expected=expected)))
 
 
 def asked_unit(ask: Ask, key: str, text: str, default: str, quantity: Quantity) -> str:

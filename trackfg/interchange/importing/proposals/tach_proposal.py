@@ -10,6 +10,7 @@ import numpy as np
 import pandas as pd
 
 from trackfg.checks.limits import CheckLimits
+from trackfg.checks.sizes import WHEEL_M
 from trackfg.errors import BadInputError
 from trackfg.interchange.importing.columns.column_meaning import has_axes_beside, kind_in, stem_of
 from trackfg.interchange.importing.columns.column_names import parts_of
@@ -232,7 +233,7 @@ def _is_scalar(table: SourceTable, name: str) -> bool:
 
 
 def _diameter(ask: Ask, stated: str) -> float:
-    return asked_number(ask, "tach.wheel_diameter_m", "Wheel diameter, m", stated or "0.92")
+    return asked_number(ask, "tach.wheel_diameter_m", "Wheel diameter, m", stated or "0.92", (0.0, WHEEL_M[1]))
 
 
 def _speed(proposal: Proposal, table: SourceTable, name: str, ask: Ask, diameter: str) -> dict[str, Any]:
