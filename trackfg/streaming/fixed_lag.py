@@ -246,7 +246,7 @@ class FixedLagSmoother:
     def _work_due(self, *, at_end: bool = False) -> list[PassOutput]:
         """Do what is due besides filtered rows: a relinearisation pass, and the next piece of the tables."""
         if self._moving.running is not None:
-            self._moving.running.speed_doubted = self._tests.sigmas.doubts("speed_mps")
+            self._moving.running.records.speed_doubted = self._tests.sigmas.doubts("speed_mps")
         step = self._moving.relinearise_if_due(at_end=at_end)
         shift_m = self._moving.votes.pop_shift()
         if self._tables is not None:
@@ -321,8 +321,8 @@ class FixedLagSmoother:
 
     def _table_input(self, running: RunningWindow, step: Relinearisation) -> TableInput:
         doubt_m = self._moving.votes.doubt_m
-        rests, usual = running.rests.spans, running.gnss.usual
-        known = step.whole_window, step.root, step.covariance, running.noise
+        rests, usual = running.rests.spans, running.records.gnss.usual
+        known = step.whole_window, step.root, step.covariance, running.records.noise
         return TableInput(*known, rests, running.tach, self._chainage, doubt_m, usual)
 
     def _locate(self, locator: MapLocator, pieces: list[Tables], step: Relinearisation) -> tuple[Event, ...]:

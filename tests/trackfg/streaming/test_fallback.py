@@ -24,7 +24,7 @@ from trackfg.streaming.run import Stream
 from trackfg.streaming.sinks.sink import Callback
 from trackfg.streaming.sources.json_lines import JsonLinesSource
 from trackfg.streaming.sources.source import RecordingSource
-from trackfg.streaming.window import running_window, starting_window
+from trackfg.streaming.window import running_window, starting_window, window_solver
 from trackfg.streaming.window.window import Window
 
 from .conftest import setting_off
@@ -70,8 +70,8 @@ def failing(monkeypatch: pytest.MonkeyPatch) -> Callable[..., None]:
                     raise UnsolvableError("as asked")
                 return solved(problem, config)
 
-            solved = running_window.solve
-            monkeypatch.setattr(running_window, "solve", solve)
+            solved = window_solver.solve
+            monkeypatch.setattr(window_solver, "solve", solve)
 
     return fail
 
@@ -135,8 +135,8 @@ def test_a_settled_step_is_kept_where_the_batch_solution_fails(
         failures += 1
         raise UnsolvableError("as asked")
 
-    solve, suspects_slip = running_window.solve, Window.suspects_slip.fget
-    monkeypatch.setattr(running_window, "solve", fail)
+    solve, suspects_slip = window_solver.solve, Window.suspects_slip.fget
+    monkeypatch.setattr(window_solver, "solve", fail)
     monkeypatch.setattr(Window, "suspects_slip", property(lambda window: window.t[-1] > AT_S or suspects_slip(window)))
     ours = streamed()
     assert failures > 5
@@ -220,7 +220,7 @@ def test_the_batch_solvers_work_on_rows_in_random_order_is_bounded(monkeypatch: 
     Windows lost one after another have half the work each, but for what the last solution of each took.
     """
     most, work, last, begins = 2000, list[int](), list[int](), list[int]()
-    windows, batch = running_window.RunningWindow.begin, running_window.RunningWindow._batch_solution
+    windows, batch = running_window.RunningWindow.begin, window_solver.WindowSolver._batch_solution
 
     def begin(*args: Any, **kwargs: Any) -> Any:
         begins.append(kwargs["damped_work"])
@@ -228,17 +228,17 @@ def test_the_batch_solvers_work_on_rows_in_random_order_is_bounded(monkeypatch: 
         last.append(0)
         return windows(*args, **kwargs)
 
-    def counted(self: Any, window: Window) -> Window:
+    def counted(self: Any, window: Window, config: Any) -> Window:
         before = self.damped_work
-        solution = batch(self, window)
+        solution = batch(self, window, config)
         step = self.damped_work - before
         work[-1] += step
         last[-1] = step or last[-1]  # once the heading is known solutions are free
         return solution
 
-    monkeypatch.setattr(running_window, "_MOST_DAMPED", most)
+    monkeypatch.setattr(window_solver, "_MOST_DAMPED", most)
     monkeypatch.setattr(running_window.RunningWindow, "begin", begin)
-    monkeypatch.setattr(running_window.RunningWindow, "_batch_solution", counted)
+    monkeypatch.setattr(window_solver.WindowSolver, "_batch_solution", counted)
     source = JsonLinesSource(_in_random_order())
     smoother, intake, events = FixedLagSmoother(source.description, lag_s=10.0), Intake.of(source), list[Event]()
     for push in source:
@@ -255,7 +255,7 @@ def test_the_batch_solvers_work_on_rows_in_random_order_is_bounded(monkeypatch: 
 @pytest.mark.slow
 def test_a_vehicle_that_waits_with_unknown_heading_is_not_begun_anew(monkeypatch: pytest.MonkeyPatch) -> None:
     """At the platform no row determines the heading, however many there are."""
-    monkeypatch.setattr(running_window, "_MOST_DAMPED", 2000)
+    monkeypatch.setattr(window_solver, "_MOST_DAMPED", 2000)
     plan = scenario("mainline-gnss")
     assert isinstance(plan.driver, Service)
     run = simulate(replace(plan, driver=replace(plan.driver, start_rest_s=40.0)), seed=6, duration_s=60.0)

@@ -1,6 +1,6 @@
 """A checkpoint is a file from which a stream that was killed goes on, with the same result as if it had not been.
 
-    {"format": "trackfg-checkpoint/8", "trackfg": "1.0"}     which version wrote it
+    {"format": "trackfg-checkpoint/9", "trackfg": "1.0"}     which version wrote it
     {"position": ..., "smoother": ..., ...}                  JSON values, on one line
     ...                                                      the numbers of the arrays of intake and smoother
     ...                                                      SHA-256 of all that stands before, 32 bytes
@@ -28,7 +28,7 @@ from trackfg.files.atomic_file import write_whole
 from trackfg.files.small_file import read_small
 from trackfg.streaming.checkpoint.snapshot import Snapshot
 
-FORMAT = "trackfg-checkpoint/8"
+FORMAT = "trackfg-checkpoint/9"
 EVERY_S = 60.0
 """Time of the stream from one checkpoint to the next, s: as much is computed again after a kill."""
 APART_S = 5.0

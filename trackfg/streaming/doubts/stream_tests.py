@@ -60,7 +60,7 @@ class StreamTests:
             step_m = running.context.conventions.step_m
             self.bandwidth.put(samples, running.rests.spans, led_to.geometry, step_m)
             declared = declared_noise(description, running.context.config)
-            self.axles.put(samples, declared, running.noise.shown, led_to, step_m)
+            self.axles.put(samples, declared, running.records.noise.shown, led_to, step_m)
         self.vibration.put(samples, led_to.trajectory, led_to.geometry, self.bandwidth.bandwidths.least_hz)
         self.accelerometer.put(samples, led_to.trajectory)
 
@@ -75,10 +75,11 @@ class StreamTests:
             doubts += self.vibration.events(until, running.context.conventions)
             doubts += (*self.accelerometer.events(until), *self.bandwidth.events(until))
             doubts += self.axles.events(until)
-            doubts += (*running.noise.events(until), *running.gnss.events(until), *running.gnss_speeds.events(until))
-            doubts += running.walk.events(until)
+            records = running.records
+            doubts += (*records.noise.events(until), *records.gnss.events(until), *records.gnss_speeds.events(until))
+            doubts += records.walk.events(until)
             if description.imu.rigid:
-                doubts += running.noise.track_doubts(until)
+                doubts += records.noise.track_doubts(until)
             declared = description.imu.noise.rectification_sd
             doubts += prior_doubts(running.newest.states, moving.config, declared, until)
         return doubts

@@ -39,7 +39,8 @@ module                content
                       ``MarginalisedKeyframes``
 ``moving_window``     the window's life: not yet begun, running, lost and begun anew
 ``starting_window``   the first window of a stream, solved as a batch
-``running_window``    filter steps, relinearisation passes, and what takes over where a step fails
+``running_window``    filter steps and relinearisation passes
+``window_solver``     the steps of a pass, and the batch solver that takes over where they do not settle
 ``next_interval``     prediction and factors of the next interval, by the batch smoother's functions
 ``predicted_motion``  the motion over that interval, as its inertial samples measure and predict it
 ``interval_factors``  families of one interval, filled with its numbers
@@ -47,6 +48,7 @@ module                content
 ``filter_step``       the Gauss-Newton step of two keyframes, a Kalman filter's update
 ``fix_voting``        which of contradicting fixes are followed
 ``wheel_creep``       whether the wheel crept, as a fix or the accelerometer shows it
+``residual_records``  sigmas as residuals show them, by the three records that follow:
 ``gnss_record``       how good GNSS positions are, from their residuals
 ``noise_record``      how noisy sensors, motion and wheel are, from their residuals
 ``walk_record``       how fast biases walk

@@ -1,8 +1,8 @@
 """The window along a stream: it begins, runs, and begins anew where it was lost.
 
-What takes over where a step fails, in this order: the newest keyframes by a step of their own instead of a filter step,
-the whole window by a relinearisation pass, a batch solution of the window
-(:mod:`~trackfg.streaming.window.running_window`), and last a new first window
+Where a step fails another one takes over, in this order: instead of a filter step one of the newest keyframes, then a
+relinearisation pass (:mod:`~trackfg.streaming.window.running_window`), a batch solution of the window
+(:mod:`~trackfg.streaming.window.window_solver`), and last a new first window
 (:mod:`~trackfg.streaming.window.starting_window`), which begins where the lost one ended.
 """
 
@@ -15,9 +15,10 @@ from typing import NamedTuple
 from trackfg.config import SmoothConfig
 from trackfg.results.events import Event
 from trackfg.streaming.window.fix_voting import FixVotes
-from trackfg.streaming.window.running_window import FAILURES, FilterUpdate, Relinearisation, RunningWindow
+from trackfg.streaming.window.running_window import FilterUpdate, Relinearisation, RunningWindow
 from trackfg.streaming.window.sample_buffer import AFTER_S, SampleBuffer
 from trackfg.streaming.window.starting_window import StartingWindow
+from trackfg.streaming.window.window import FAILURES
 
 _SHORTEST_S = 0.02
 """The last interval of a stream is as long as this, s, or there is none."""
@@ -116,7 +117,7 @@ class MovingWindow:
         """Begin anew where the last pass knew the vehicle, or after rows that do not make a first window."""
         begin, distance = t, self.starting.distance
         if self.running is not None:
-            distance, self.damped_work = self.running.known_distance, self.running.damped_work_after
+            distance, self.damped_work = self.running.known_distance, self.running.solver.damped_work_after
             begin = distance.t_s
         self.lost = LostWindow(begin, reason, self.running)
         self.running, self.starting = None, StartingWindow.after(begin, distance)

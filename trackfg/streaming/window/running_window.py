@@ -5,12 +5,10 @@ with the conditionals that their filter steps left, so that the next pass begins
 keyframe and needs one Gauss-Newton step.
 
 A filter step that doubts the wheel is replaced by a step of the *recent* keyframes, those since the last pass and two
-before them: whether a wheel slipped shows in several intervals. If that fails, the pass is taken at once; if the pass
-does not settle, the window is solved as a batch from its own states. Until the heading is known, linearised positions
-are of little worth: nothing is marginalised then unless the window has more than 240 keyframes, the recent keyframes
-are the whole window, and where up to four steps of it do not settle, the damped batch solver takes over. Rows that
-contradict each other, as in random order, never determine a heading, and the solver begins far from a minimum
-each time: its work on one window is bounded, and a window that needs more is lost.
+before them: whether a wheel slipped shows in several intervals. If that fails, the pass is taken at once, with whatever
+takes over where its own steps fail (:mod:`trackfg.streaming.window.window_solver`). Until the heading is known,
+linearised positions are of little worth: nothing is marginalised then unless the window has more than 240 keyframes,
+and the recent keyframes are the whole window.
 """
 
 from __future__ import annotations
@@ -22,37 +20,32 @@ from typing import NamedTuple
 
 import numpy as np
 
-from trackfg.errors import UnsolvableError
 from trackfg.factors.factor_type import FactorType
 from trackfg.factors.family import Family, family_of
-from trackfg.factors.states import Kind, States, offset_in_keyframe
+from trackfg.factors.states import Kind, Nav, States, offset_in_keyframe
 from trackfg.graph.inertial import walk_of
 from trackfg.graph.motion import resting
 from trackfg.numerics.arrays import Array
-from trackfg.output.trajectory import QUANTITIES, keyframe_variances
 from trackfg.recording.description import ImuNoise
 from trackfg.results.events import Event
+from trackfg.sensors.tach import Wheel
 from trackfg.solver.covariance import Covariance, posterior_covariance
 from trackfg.solver.gauss_newton import solve
 from trackfg.solver.square_root import SquareRoot
-from trackfg.solver.variance_components import GROUPS, Residuals, group_residuals, ratios_of, walk_residuals
 from trackfg.streaming.checkpoint.snapshot import DERIVED
 from trackfg.streaming.window.filter_step import FilterResult, PredictedPair
 from trackfg.streaming.window.fix_voting import FixVotes, shift_interval, shift_window
-from trackfg.streaming.window.gnss_record import GnssRecord
 from trackfg.streaming.window.next_interval import predict_interval, with_other_rows
-from trackfg.streaming.window.noise_record import NoiseRecord
+from trackfg.streaming.window.residual_records import ResidualRecords
 from trackfg.streaming.window.rests import LOOK_S, Rests
 from trackfg.streaming.window.sample_buffer import AFTER_S, SampleBuffer
 from trackfg.streaming.window.starting_window import FirstProblem, KnownDistance, late_tach
 from trackfg.streaming.window.stream_context import StreamContext
 from trackfg.streaming.window.tach_buffer import TachBuffer
-from trackfg.streaming.window.walk_record import WalkRecord
 from trackfg.streaming.window.wheel_creep import WALK_PER_SQRT_M, Creep, scale_walks, with_creep, with_walk
-from trackfg.streaming.window.window import Interval, MarginalisedKeyframes, Window, WindowStep
+from trackfg.streaming.window.window import FAILURES, Interval, MarginalisedKeyframes, Window, WindowStep
+from trackfg.streaming.window.window_solver import SETTLED, WindowSolver
 
-FAILURES = (UnsolvableError, ValueError, np.linalg.LinAlgError, RuntimeError)
-"""What a step raises that fails; the last are GTSAM's."""
 BETWEEN_PASSES = 10
 """Keyframes from one relinearisation pass to the next."""
 _BEFORE_PASS = 2
@@ -62,25 +55,12 @@ _RATES_S = 0.1
 _NOISE_S = 2.5
 """Time before an interval, s, over which inertial samples show its white noise: three blocks and more of
 :mod:`trackfg.sensors.imu_noise`."""
-_SETTLED = 15.0
-"""Maximum length, in posterior sigmas, of a step that needs no second one: what is left after it is a tenth or less."""
 _SETTLED_RECENT = 1000.0
-"""The same for recent keyframes. A wheel against the inertial sensor alone makes some hundred; the pass does the rest.
+"""Maximum length, in posterior sigmas, of a step of the recent keyframes. A wheel against the inertial sensor alone
+makes some hundred; the pass does the rest.
 """
-_HEADING_SD_RAD = 0.03
-"""Maximum sigma of yaw with which the heading is known, rad."""
 _MOST_WITHOUT_HEADING = 240
 """Keyframes in a window whose heading is not known: a vehicle may stand for hours before it shows."""
-_MOST_DAMPED = 50_000
-"""Steps that the batch solver tries, times keyframes, in all, that a window is given to determine its heading. One
-takes some 0.13 ms, so these take 7 s. The simulated lines that need any need 400 to 19,500.
-"""
-_MOVED_M = 5.0
-"""Way from the first keyframe of a window, m, from which on others determine the heading: those at rest cannot."""
-_DAMPED_BEFORE = 0.5
-"""Share of such work that counts in the next window, where the heading stayed unknown. The 25,000 that are left for
-that one are still enough for the simulated lines.
-"""
 _CERTAIN_SIGMAS = 3.0
 """A vehicle whose speed is so many sigmas from 0 moves: at a rest of minutes an inertial sensor alone may show 0.3 m/s.
 """
@@ -126,12 +106,8 @@ class RunningWindow:
     ``window``, the ``root`` of its information and its ``linearisation_point`` are those of the last pass; ``recent``
     are its newest keyframes behind their marginal prior. ``added`` are the intervals since, ``conditionals`` what their
     steps left; ``newest`` is the newest keyframe behind its marginal prior. ``speed_sd``: of that, m/s.
-    ``heading_known`` stays once it is; ``damped``: the batch solver has taken over before it was, which is one event;
-    ``damped_work``: the steps it tried until then, times the keyframes of each, with a share of those of lost windows.
-    ``walks``: whether the wheel's scale walks by the accelerometer's evidence. ``gnss``: what its positions have shown
-    of their errors, ``noise``: what residuals have shown of all else. ``speed_doubted``: whether the sigmas of the
-    speed are too small beyond chance so far. ``walk``: how fast biases walk.
-    ``undelivered_pass``: the result of a pass that :meth:`add_keyframe` had to take, or of the first window.
+    ``scale_is_walking``: whether the wheel's scale walks by the accelerometer's evidence. ``undelivered_pass``: the
+    result of a pass that :meth:`add_keyframe` had to take, or of the first window.
     """
 
     buffer: SampleBuffer
@@ -149,16 +125,10 @@ class RunningWindow:
     added: list[Interval] = field(default_factory=list)
     conditionals: list[MarginalisedKeyframes] = field(default_factory=list)
     predicted: PredictedPair | None = field(default=None, metadata=DERIVED)
-    heading_known: bool = False
-    damped: bool = False
-    damped_work: int = 0
+    solver: WindowSolver = field(default_factory=WindowSolver)
+    records: ResidualRecords = field(default_factory=ResidualRecords)
     speed_sd: float = 0.0
-    walks: bool = False
-    gnss: GnssRecord = field(default_factory=GnssRecord)
-    gnss_speeds: GnssRecord = field(default_factory=GnssRecord.of_speeds)
-    noise: NoiseRecord = field(default_factory=NoiseRecord)
-    speed_doubted: bool = False
-    walk: WalkRecord = field(default_factory=WalkRecord)
+    scale_is_walking: bool = False
     undelivered_pass: Relinearisation | None = None
 
     @classmethod
@@ -167,7 +137,7 @@ class RunningWindow:
     ) -> tuple[RunningWindow, FilterUpdate]:
         """Solve the first window. Raises as :func:`~trackfg.solver.gauss_newton.solve` does.
 
-        ``damped_work``: that of the windows before, as :attr:`damped_work_after` gives it.
+        ``damped_work``: that of the windows before, as :attr:`WindowSolver.damped_work_after` gives it.
         """
         problem = first.problem
         solution = solve(problem, first.context.config.solver)
@@ -186,7 +156,7 @@ class RunningWindow:
             votes=votes,
             rests=rests,
             tach=first.tach,
-            damped_work=damped_work,
+            solver=WindowSolver(damped_work=damped_work),
             window=window,
             root=root,
             linearisation_point=states,
@@ -194,7 +164,7 @@ class RunningWindow:
             newest=newest,
             undelivered_pass=Relinearisation(window, root, None, first.waited),
         )
-        running.noise.look_at_rests(buffer, problem.rests)  # the problem has the noise that they show
+        running.records.noise.look_at_rests(buffer, problem.rests)  # the problem has the noise that they show
         return running, running._record(FilterUpdate.of(window, root))
 
     def next_keyframe(self, spacing: float) -> float | None:
@@ -232,24 +202,11 @@ class RunningWindow:
         :meth:`relinearise_if_due` must have been called since the keyframe before: a result that it has not delivered
         would be lost.
         """
-        pair, newest = self._preintegrate_next(t), self.newest
+        pair = self._preintegrate_next(t)
         self.predicted = None
-        wheel, last = None, float(newest.t[0])
-        if self.tach is None:
-            self.tach = late_tach(self.buffer, self.context.config, last, float(newest.states.odo.count[0]))
-        if self.tach is not None:
-            navs, buffer = (newest.states.nav, pair.prediction.interval.predicted.nav), self.buffer
-            forward = (float(nav.v[0] @ nav.R[0, :, 0]) for nav in navs)
-            begin, end = (speed if abs(speed) > _CERTAIN_SIGMAS * self.speed_sd else 0.0 for speed in forward)
-            until = self.tach.rows_end(t, buffer.tach, buffer.until) or t + AFTER_S
-            wheel = self.tach.wheel_until(until, buffer.tach, last, (begin, end), buffer.uncounted)
-        interval = with_other_rows(pair.prediction, self.buffer.other_rows_between(last, t), wheel, self.speed_sd)
-        interval = interval._replace(families=self.noise.weigh_wheel(interval.families))
-        gnss_width = self.context.config.position.gnss_width
-        families = self.gnss.weigh_next(interval.families, gnss_width)
-        interval = interval._replace(families=self.gnss_speeds.weigh_next(families, gnss_width))
+        interval = self._interval_with_other_rows(pair, t)
         if not self.on_map:
-            interval, shift_m = self.votes.vote_on_fixes(interval, newest.states, self._others_sd_m)
+            interval, shift_m = self.votes.vote_on_fixes(interval, self.newest.states, self._others_sd_m)
             creep = self.votes.pop_creep()
             if shift_m:
                 return self._record(self._jump_along_track(interval, shift_m))
@@ -278,14 +235,14 @@ class RunningWindow:
         self.window = self.window.with_factors([family])
 
     @property
-    def damped_work_after(self) -> int:
-        """The batch solver's work that counts in the window after this one, should it be lost."""
-        return 0 if self.heading_known else int(_DAMPED_BEFORE * self.damped_work)
+    def heading_known(self) -> bool:
+        """Return whether the heading is known, which it stays."""
+        return self.solver.heading_known
 
     @property
     def _imu_noise(self) -> ImuNoise:
         """The declared noise of the inertial sensor, with the walk that residuals have shown."""
-        return self.walk.of(self.context.description.imu.noise)
+        return self.records.walk.of(self.context.description.imu.noise)
 
     @property
     def _pass_is_due(self) -> bool:
@@ -298,14 +255,38 @@ class RunningWindow:
             data = self.buffer.intervals(last - _NOISE_S, t + _RATES_S)
             edges = data.edges.searchsorted([last - 1e-9, t - 1e-9])
             broken = self.buffer.has_break(last, t)
-            prediction = predict_interval(self.context, self.newest, data, edges, self.noise.shown, broken=broken)
-            walks = self.walks or self.gnss.rest_erred or self.gnss_speeds.rest_erred
+            noise = self.records.noise
+            prediction = predict_interval(self.context, self.newest, data, edges, noise.shown, broken=broken)
+            walks = self.scale_is_walking or self.records.rest_erred
             walk = max(self.votes.walk_per_sqrt_m, WALK_PER_SQRT_M if walks else 0.0)
             prediction = prediction.with_walking_scale(walk)
             bridged = bool(data.bridged[edges[0]])
-            weighed = self.noise.weigh_next(prediction.interval, bridged=bridged)
+            weighed = noise.weigh_next(prediction.interval, bridged=bridged)
             self.predicted = PredictedPair.of(self.newest, prediction._replace(interval=weighed), self._imu_noise)
         return self.predicted
+
+    def _interval_with_other_rows(self, pair: PredictedPair, t: float) -> Interval:
+        """Return the interval to ``t`` with the factors of the other sensors' rows, weighed by the records."""
+        buffer, last = self.buffer, float(self.newest.t[0])
+        wheel = self._wheel_until(t, pair.prediction.interval.predicted.nav)
+        interval = with_other_rows(pair.prediction, buffer.other_rows_between(last, t), wheel, self.speed_sd)
+        width = self.context.config.position.gnss_width
+        return interval._replace(families=self.records.weigh_others(interval.families, width))
+
+    def _wheel_until(self, t: float, predicted: Nav) -> Wheel | None:
+        """Return the wheel up to the keyframe at ``t`` and a little more, signed by the newest and the ``predicted``
+        motion; None without a tach.
+        """
+        buffer, newest = self.buffer, self.newest
+        last = float(newest.t[0])
+        if self.tach is None:
+            self.tach = late_tach(buffer, self.context.config, last, float(newest.states.odo.count[0]))
+        if self.tach is None:
+            return None
+        forward = (float(nav.v[0] @ nav.R[0, :, 0]) for nav in (newest.states.nav, predicted))
+        begin, end = (speed if abs(speed) > _CERTAIN_SIGMAS * self.speed_sd else 0.0 for speed in forward)
+        until = self.tach.rows_end(t, buffer.tach, buffer.until) or t + AFTER_S
+        return self.tach.wheel_until(until, buffer.tach, last, (begin, end), buffer.uncounted)
 
     def _filter_step(self, pair: PredictedPair, interval: Interval) -> FilterResult | None:
         """Return the filter step's result; None where it is not to be trusted."""
@@ -325,7 +306,7 @@ class RunningWindow:
         recent = recent.with_families(walk_of(recent.t, recent.response, self._imu_noise))
         last = len(recent) - 1
         try:
-            step = recent.settled_step({last}, _SETTLED_RECENT if self.heading_known else _SETTLED)
+            step = recent.settled_step({last}, _SETTLED_RECENT if self.heading_known else SETTLED)
         except FAILURES as error:
             self.undelivered_pass = self._relinearise_window(str(error))
             return FilterUpdate.of(self.undelivered_pass.whole_window, self.undelivered_pass.root)
@@ -370,8 +351,7 @@ class RunningWindow:
     def _record(self, update: FilterUpdate) -> FilterUpdate:
         self.speed_sd = update.speed_sd
         self.votes.update_covariance(update.covariance)
-        for record in (self.gnss, self.gnss_speeds):
-            record.put(update.newest_keyframes, update.covariance)
+        self.records.put(update.newest_keyframes, update.covariance)
         return update
 
     def _relinearise_window(self, failure: str | None = None, creep: Creep | None = None) -> Relinearisation:
@@ -380,43 +360,23 @@ class RunningWindow:
         ``failure``: why the recent keyframes could not take their step; their states are then no linearisation point.
         ``creep``: what the last fix has shown of the wheel.
         """
-        config, imu, last_pass = self.context.config.motion, self.context.description.imu, float(self.window.t[-1])
-        window = self.window.extended(*self.added)
-        now = float(window.t[-1])
-        for record in (self.gnss, self.gnss_speeds):
-            window = record.weigh(window, self.context.config.position.gnss_width)
-        if creep is not None:
-            window = with_creep(window, creep)
-        elif failure is None:
-            window = replace(window, states=self._back_substituted_states(window))
-        self.rests.update(self.buffer, self.tach, window, config, (last_pass - LOOK_S, now + AFTER_S))
-        window = self.noise.with_rests(window, self.buffer, self.rests.spans)
-        walk = walk_of(window.t, window.response, self._imu_noise)
-        window = window.with_families(walk, *resting(window.t, self.rests.spans, config, rigid=imu.rigid))
-        leaving = before_recent = 0
+        last_pass = float(self.window.t[-1])
+        window = self._extended_window(failure, creep)
+        now, last, leaving, before_recent = float(window.t[-1]), len(window) - 1, 0, 0
         if self.heading_known or len(window) > _MOST_WITHOUT_HEADING:
             leaving = int(np.searchsorted(window.t, now - self.lag_s))
             before_recent = max(len(window) - _BEFORE_PASS, leaving)
-        last = len(window) - 1
         marginalise = {leaving, before_recent, last} - {0}
-        step, event = self._settle_window(window, marginalise, failure)
-        weighed, covariance = self._reassessed(step, leaving)
-        if weighed is not step.window:
-            step, again = self._settle_window(weighed, marginalise, failure)
-            event, covariance = event or again, None
+        step, covariance, event = self._reassessed_step(window, marginalise, leaving, failure)
         if self.heading_known:
-            declared, walked = self.context.config.tach.scale_walk_per_sqrt_m, self.walks
-            self.walks = scale_walks(step.window, declared, walks=walked)
-            if self.walks and not walked:
-                step, _ = self._settle_window(with_walk(step.window), marginalise, None)
-                covariance = None
-                event = event or Event(
-                    "wheel-crept", "tach", last_pass, now, 0, "the wheel's scale changes: it may walk"
-                )
-        if not self.heading_known and self._heading_sd(step.window, step.root) < _HEADING_SD_RAD:
-            self.heading_known = True
-            for record in (self.gnss, self.gnss_speeds):
-                record.forget()  # at rest a receiver's errors last for as long as the rest
+            declared, walked = self.context.config.tach.scale_walk_per_sqrt_m, self.scale_is_walking
+            self.scale_is_walking = scale_walks(step.window, declared, walks=walked)
+            if self.scale_is_walking and not walked:
+                step, _ = self._settle(with_walk(step.window), marginalise)
+                detail = "the wheel's scale changes: it may walk"
+                covariance, event = None, event or Event("wheel-crept", "tach", last_pass, now, 0, detail)
+        if self.solver.finds_heading(step, self.context.lever_arm):
+            self.records.forget_receiver()
         marginalised = step.marginalised_first(leaving) if leaving else None
         self.window, self.recent = step.window_without_first(leaving), step.window_without_first(before_recent)
         self.newest, self.root = step.window_without_first(last), step.root.last(len(self.window))
@@ -424,62 +384,42 @@ class RunningWindow:
         self.added, self.conditionals, self.predicted = [], [], None
         return Relinearisation(step.window, step.root, marginalised, event, covariance)
 
-    def _reassessed(self, step: WindowStep, leaving: int) -> tuple[Window, Covariance | None]:
-        """Return the window with sigmas as its residuals show them, and the covariance that these were judged by, if
-        they were; sigmas of GNSS change with the next pass.
-
-        Of GNSS and all else, what is further beyond its sigmas is judged, as in the batch. A street canyon bends the
-        speed, too: doubts of it only count against the other sensors where these are noisier than declared.
+    def _extended_window(self, failure: str | None, creep: Creep | None) -> Window:
+        """Return the window with all keyframes since the last pass, at its new linearisation point, with what is known
+        by now of GNSS, rests and noise.
         """
-        window = step.window
-        adapts = self.context.config.noise.adapt and self.heading_known and len(window) > 1
-        groups: dict[str, Residuals] = {}
-        covariance = None
-        if adapts:
-            covariance = posterior_covariance(step.root)
-            groups = group_residuals(
-                window, window.states, covariance, self.buffer.inertial.bridged_from(window.t[:-1])
-            )
-        ratios, changes = ratios_of(groups), False
-        speed_doubted = self.speed_doubted and self.noise.has_risen
-        for record, doubted in ((self.gnss, speed_doubted), (self.gnss_speeds, False)):
-            level = float(np.median(record.usual))
-            if doubted or self.noise.is_worse_than_gnss(ratios, GROUPS[record.kind], level):
-                record.forget()
-            else:
-                changes |= record.judge(heading_known=self.heading_known)
-        if changes or covariance is None:
-            return window, covariance
-        walk = walk_residuals(window, window.states, covariance)
-        window = window if walk is None else self.walk.weigh(window, walk, leaving, self.noise.far_off)
-        return self.noise.weigh(window, groups, leaving), covariance
+        config, imu, last_pass = self.context.config, self.context.description.imu, float(self.window.t[-1])
+        window = self.records.weigh_receiver(self.window.extended(*self.added), config.position.gnss_width)
+        if creep is not None:
+            window = with_creep(window, creep)
+        elif failure is None:
+            window = replace(window, states=self._back_substituted_states(window))
+        span = last_pass - LOOK_S, float(window.t[-1]) + AFTER_S
+        self.rests.update(self.buffer, self.tach, window, config.motion, span)
+        window = self.records.noise.with_rests(window, self.buffer, self.rests.spans)
+        walk = walk_of(window.t, window.response, self._imu_noise)
+        return window.with_families(walk, *resting(window.t, self.rests.spans, config.motion, rigid=imu.rigid))
 
-    def _settle_window(
-        self, window: Window, marginalise: Collection[int], failure: str | None
+    def _reassessed_step(
+        self, window: Window, marginalise: Collection[int], leaving: int, failure: str | None
+    ) -> tuple[WindowStep, Covariance | None, Event | None]:
+        """Return the window's step, taken again where its residuals change sigmas, its covariance where that is known,
+        and an event where something had to take over.
+        """
+        step, event = self._settle(window, marginalise, failure)
+        bridged = self.buffer.inertial.bridged_from(window.t[:-1])
+        adapts = self.context.config.noise.adapt
+        known = self.heading_known
+        weighed, covariance = self.records.reassess(step, leaving, bridged, adapts=adapts, heading_known=known)
+        if weighed is step.window:
+            return step, covariance, event
+        step, again = self._settle(weighed, marginalise, failure)
+        return step, None, event or again
+
+    def _settle(
+        self, window: Window, marginalise: Collection[int], failure: str | None = None
     ) -> tuple[WindowStep, Event | None]:
-        """Return the whole window after its step, or after what had to take over, and the event of that."""
-        now = float(window.t[-1])
-        if failure is not None and not self.heading_known:  # undamped steps would not settle here either
-            event = None if self.damped else Event("by-batch", t_s=now, detail=failure)
-            self.damped = True
-            return self._batch_solution(window).gauss_newton_step(marginalise), event
-        event = None if failure is None else Event("by-window", t_s=now, detail=failure)
-        try:
-            step = window.settled_step(marginalise, _SETTLED)
-        except FAILURES as error:
-            event = Event("by-batch", t_s=now, detail=str(error))
-            return self._batch_solution(window).gauss_newton_step(marginalise), event
-        if step.window.suspects_slip:
-            step = self._cheaper_by_batch(window, step, marginalise)
-        return step, event
-
-    def _cheaper_by_batch(self, window: Window, step: WindowStep, marginalise: Collection[int]) -> WindowStep:
-        """Return the step at the window's batch solution where that exists and costs less, else the ``step`` taken."""
-        try:
-            batch = self._batch_solution(window)
-            return batch.gauss_newton_step(marginalise) if batch.cost < step.window.cost else step
-        except FAILURES:
-            return step
+        return self.solver.settle(window, self.context.config.solver, marginalise, failure)
 
     def _back_substituted_states(self, window: Window) -> States:
         """Return states of the whole window by back-substitution from the newest keyframe through the conditionals."""
@@ -494,27 +434,6 @@ class RunningWindow:
             states.append(older.back_substitute(next_state))
         oldest, *later = reversed(states)
         return oldest.joined(*later)
-
-    def _batch_solution(self, window: Window) -> Window:
-        """Return the window solved by the damped batch solver, from its own states.
-
-        Raises ``UnsolvableError`` where that has been done too often while the heading is unknown.
-        """
-        if not self.heading_known and self.damped_work >= _MOST_DAMPED:
-            raise UnsolvableError(
-                f"the heading is unknown after {len(window)} keyframes: their rows contradict each other"
-            )
-        solution = solve(window, self.context.config.solver)
-        if not self.heading_known:
-            distance = solution.states.odo.distance
-            self.damped_work += solution.trials * int(np.sum(np.abs(distance - distance[0]) > _MOVED_M))
-        return replace(window, states=solution.states)
-
-    def _heading_sd(self, window: Window, root: SquareRoot) -> float:
-        """Return the sigma of the newest yaw, rad."""
-        covariance = posterior_covariance(root.last(1))
-        variances = keyframe_variances(window.states.take(slice(-1, None)), covariance, self.context.lever_arm)
-        return float(np.sqrt(variances[0, QUANTITIES.index("yaw_rad")]))
 
 
 def _with_own_bias(states: States, response: Array) -> States:

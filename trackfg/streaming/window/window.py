@@ -33,6 +33,8 @@ from trackfg.numerics.kernels import compiled_kernels, kernel_argument
 from trackfg.solver.elimination import Conditionals, eliminate_with_marginals
 from trackfg.solver.square_root import SquareRoot
 
+FAILURES = (UnsolvableError, ValueError, np.linalg.LinAlgError, RuntimeError)
+"""What a step raises that fails; the last are GTSAM's."""
 _MOST_STEPS = 4
 """Gauss-Newton steps of a window before it counts as unsettled."""
 

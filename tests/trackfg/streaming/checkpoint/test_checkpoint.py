@@ -248,8 +248,8 @@ def test_another_version_is_refused(content: bytes, monkeypatch: pytest.MonkeyPa
 
 
 def test_another_format_is_refused_by_its_name(content: bytes) -> None:
-    older = content[:-32].replace(b"trackfg-checkpoint/8", b"trackfg-checkpoint/7", 1)
-    with pytest.raises(BadInputError, match=r"format trackfg-checkpoint/7; expected trackfg-checkpoint/8"):
+    older = content[:-32].replace(b"trackfg-checkpoint/9", b"trackfg-checkpoint/8", 1)
+    with pytest.raises(BadInputError, match=r"format trackfg-checkpoint/8; expected trackfg-checkpoint/9"):
         Checkpoint.from_bytes(older + hashlib.sha256(older).digest())
 
 
