@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.kernels import compiled_kernels, kernel_argument
@@ -35,7 +35,7 @@ from trackfg.recording.model import Recording
 from trackfg.sensors.sampling_rate import local_intervals, rate_stretches
 
 _NO_BIAS = np.zeros(3)
-_SAME_S = 1e-9
+SAME_S = 1e-9
 """Times nearer than this, s, are equal but for rounding."""
 AT_REST_M = 1e-3
 """An interval over which the vehicle moves less, m, has no length to average over."""
@@ -87,7 +87,11 @@ class Intervals(Outlined):
 
     def bridged_from(self, t: Array) -> np.ndarray:
         """Return whether the record is bridged from each of some edges on, at ``t`` (m,), s. Shape (m,)."""
-        return np.asarray(self.bridged[self.edges.searchsorted(t - _SAME_S)])
+        return np.asarray(self.bridged[self.edges_at(t)])
+
+    def edges_at(self, t: ArrayLike) -> np.ndarray:
+        """Return the numbers of the edges at times ``t``, s, or of the next ones. Shape of ``t``."""
+        return np.asarray(self.edges.searchsorted(np.asarray(t) - SAME_S))
 
     def gaps(self) -> Array:
         """Return bridged spans as rows (start, end), s. Shape (g, 2)."""

@@ -16,7 +16,10 @@ import numpy as np
 
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.robust import median
+from trackfg.numerics.spans import median_interval
 
+FIRST_SAMPLES = 10
+"""Samples of a stream whose median interval is the first that is taken: of nine steps four may be longer."""
 BLOCK = 16
 """Steps that are looked at together: a tenth of all may be missing rows, which quartiles do not see."""
 _REGULAR = 1.2
@@ -26,6 +29,13 @@ _OTHER = 1.5
 """Ratio of two rates at least: between one usual step and two, as a missing row makes."""
 _LEAST_S = 2.0
 """A rate lasts so long at least, s: loggers lose every second row for a moment when they are busy."""
+
+
+def first_interval(t: Array) -> float | None:
+    """Return the sampling interval of the first samples at ``t`` (n,), s; None while they are fewer than
+    :data:`FIRST_SAMPLES`.
+    """
+    return median_interval(t[:FIRST_SAMPLES]) if len(t) >= FIRST_SAMPLES else None
 
 
 def rate_stretches(steps: Array) -> list[tuple[int, int]]:

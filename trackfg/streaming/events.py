@@ -20,6 +20,9 @@ from trackfg.results.events import Event, events_frame
 QUIET_PUSHES, LONGEST_PUSHES = 10, 100
 """Batches: at ten a second an event is out a second after its last row, and within ten seconds of its first."""
 
+CHANCE_OF_DOUBT = 1e-3
+"""Probability of residuals by chance below which a stream doubts its sigmas; it looks for doubts again and again."""
+
 LOSS_KINDS = {
     "not-finite": "NaN, infinite or above 1e12",
     "duplicate": "the time of another row of the table again",

@@ -43,7 +43,7 @@ from trackfg.streaming.doubts.reporting import DoubtReports
 from trackfg.streaming.doubts.stream_tests import StreamTests
 from trackfg.streaming.locating.map_locator import MapLocator
 from trackfg.streaming.outages import Outage, distance_after, outage_after
-from trackfg.streaming.rows import Rows
+from trackfg.streaming.rows import SAME_S, Rows
 from trackfg.streaming.tables.smoothed_tables import SmoothedTables, TableInput, Tables
 from trackfg.streaming.window.moving_window import LostWindow, MovingWindow
 from trackfg.streaming.window.running_window import FilterUpdate, Relinearisation, RunningWindow
@@ -56,8 +56,6 @@ if TYPE_CHECKING:
 NO_TRAJECTORY = pd.DataFrame(columns=list(TRAJECTORY_COLUMNS), dtype=np.float64)
 NO_GEOMETRY = pd.DataFrame(columns=["t_s", *GEOMETRY_COLUMNS], dtype=np.float64)
 
-_JUST_S = 1e-6
-"""Rows just before a keyframe belong to it, s: rounding of times of a day is 1e-11 s."""
 _KEPT_S = 30.0
 """While nothing measures the speed, rows older than this are dropped, s: no window begins with them."""
 BEFORE_S = 10.0
@@ -257,7 +255,7 @@ class FixedLagSmoother:
             return []
         running, newest = self._running, float(step.whole_window.t[-1])
         if self._tables is None:
-            begin = max(float(step.whole_window.t[0]) - _JUST_S, self._done_s)
+            begin = max(float(step.whole_window.t[0]) - SAME_S, self._done_s)
             self._tables = SmoothedTables.beginning(running.context, begin, for_map=self._locator is not None)
         tables = self._tables
         settled = newest if at_end else newest - self._moving.lag_s

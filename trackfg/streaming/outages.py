@@ -14,6 +14,7 @@ import numpy as np
 from trackfg.checks.limits import CheckLimits
 from trackfg.factors.odometry import MOST_CREEP
 from trackfg.results.events import Event
+from trackfg.streaming.rows import SAME_S
 from trackfg.streaming.window.running_window import RunningWindow
 from trackfg.streaming.window.sample_buffer import SampleBuffer
 from trackfg.streaming.window.starting_window import KnownDistance
@@ -23,8 +24,6 @@ LONGEST_S = 100.0
 bridged well; of two of 120 s one was not, nor was one of 160 s."""
 _BESIDE_S = 1.0
 """Rows of the tach that are further from an outage than this, s, do not determine the count at its ends."""
-_JUST_S = 1e-6
-"""Times that differ by less, s, are one: rounding of times of a day is 1e-11 s."""
 
 
 class Outage(NamedTuple):
@@ -44,14 +43,14 @@ class Outage(NamedTuple):
 def outage_after(buffer: SampleBuffer, t: float) -> Outage | None:
     """Return the outage that begins at a keyframe at ``t``, s, if one does."""
     data = buffer.inertial
-    first = int(data.edges.searchsorted(t - _JUST_S))
+    first = int(data.edges.searchsorted(t - SAME_S))
     if first >= len(data.bridged) or not data.bridged[first]:
         return None
     stop = first + int(np.argmin(np.append(data.bridged[first:], False)))
     outage = Outage(t, float(data.edges[stop]))
     if outage.end_s - t <= LONGEST_S:
         return None
-    speed_s = buffer.first_speed(t + _JUST_S)
+    speed_s = buffer.first_speed(t + SAME_S)
     return outage if speed_s is None or speed_s >= outage.end_s - _BESIDE_S else None
 
 
@@ -78,7 +77,7 @@ def _counted(outage: Outage, running: RunningWindow) -> tuple[float, float] | No
     None where it measures speeds, has no rows just before and after, or began again.
     """
     tach, rows, breaks = running.tach, running.buffer.tach, running.buffer.uncounted
-    next_row = int(np.searchsorted(rows[:, 0], outage.end_s - _JUST_S))
+    next_row = int(np.searchsorted(rows[:, 0], outage.end_s - SAME_S))
     if tach is None or tach.wheel.integrates_speed or not 0 < next_row < len(rows):
         return None
     (before_s, before_m), (after_s, after_m) = rows[next_row - 1], rows[next_row]

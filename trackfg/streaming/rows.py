@@ -25,6 +25,9 @@ from trackfg.recording.model import IMU_COLUMNS, LASER_TABLE, Recording
 
 LASER = LASER_TABLE
 
+SAME_S = 1e-6
+"""Times of a stream that differ by less are one, s: rounding of times of a day, and of sums of shifts, is 1e-11 s."""
+
 _SINGLE = ("imu", "tach", "fixes", "gnss")
 """Tables of which there is one."""
 
@@ -55,6 +58,11 @@ def joined_tables(parts: Sequence[RowTables]) -> dict[str, Array]:
     """Return each table's rows of all parts, in their order."""
     names = dict.fromkeys(name for part in parts for name in part)
     return {name: np.concatenate([part[name] for part in parts if name in part]) for name in names}
+
+
+def moved_earlier(rows: Array, by_s: float) -> Array:
+    """Return rows (n, k) with times earlier by ``by_s``, s."""
+    return np.column_stack([rows[:, 0] - by_s, rows[:, 1:]]) if by_s else rows
 
 
 def no_rows(table: str) -> Array:

@@ -24,13 +24,11 @@ from trackfg.results.events import Event, doubt_event
 from trackfg.results.verdict import Quantity
 from trackfg.results.widening import QUANTITY_OF_COLUMN
 from trackfg.streaming.checkpoint.snapshot import DERIVED
+from trackfg.streaming.events import CHANCE_OF_DOUBT
 
 _LEAST_SHARE = 0.3
 """Least share of the filtered variance that the lag removes. Below it the sigmas are nearly equal, and estimates differ
 by their linearisation points as well."""
-
-_CHANCE = 1e-3
-"""Probability of such differences by chance, below which sigmas are doubted."""
 
 LEAST_RATIO = 1.3
 """Below this ratio there is no doubt: runs of right sigmas have up to 1.2 (`tools/robustness.py`, clean)."""
@@ -121,7 +119,7 @@ class SigmaTest:
         correlation = min(max(products / squares, 0.0), _LASTING)
         degrees = independent_number(number, correlation)
         mean = squares / number
-        return float(np.sqrt(mean)) if exceeds_chance(mean, degrees, _CHANCE) else 1.0
+        return float(np.sqrt(mean)) if exceeds_chance(mean, degrees, CHANCE_OF_DOUBT) else 1.0
 
 
 def fix_doubts(number: int, squares: float, until_s: float) -> tuple[Event, ...]:
@@ -131,7 +129,7 @@ def fix_doubts(number: int, squares: float, until_s: float) -> tuple[Event, ...]
     end of a stream, ``until_s``.
     """
     mean = squares / max(number, 1)
-    if mean < LEAST_RATIO**2 or not exceeds_chance(mean, number, _CHANCE):
+    if mean < LEAST_RATIO**2 or not exceeds_chance(mean, number, CHANCE_OF_DOUBT):
         return ()
     reason = f"fixes are {np.sqrt(mean):.1f} times as far from where they were expected as sigmas allow"
     return (doubt_event(("chainage", "speed"), reason, _ADVICE, t_s=until_s),)

@@ -10,6 +10,7 @@ module               what it finds out, and by what
                      as they arrive
 ``reorder_buffer``   the same of other tables; by the IMU's clock, whose newest time is also the watermark's
 ``clock_jumps``      whether all clocks were set while the vehicle went on; by the tach's count, so of sorted rows in SI
+                     (``jump_evidence``)
 ``imu_clock_jumps``  whether the IMU's clock alone was set; by the accelerations that it and another table show
 ===================  ==================================================================================================
 

@@ -1,88 +1,43 @@
 """Clock jumps are taken out of the stream's times: clocks that were set while the vehicle went on.
 
-Where the stamps of all tables jump ahead together, either nothing was recorded for a time, or the clocks were set. The
-tach's count c shows. With the speeds v before and after, in m of the count a second, and Dt between the readings on
-either side of a jump by L, it has grown by
-
-    dc = v Dt          rows are missing: the vehicle went on for as long as the stamps say (a gap)
-    dc = v (Dt - L)    none are: the clocks were set
-
-With the mean of both speeds the second holds to ``FREE_S`` of rolling and the scatter of the count, whatever the
-wheel's scale. A count between both is a gap: the vehicle may have braked. At rest, or without a count, the two cannot
-be distinguished, and at rest it hardly matters.
+Where the stamps of all tables jump ahead together, either nothing was recorded for a time, or the clocks were set: the
+tach's count shows which (:mod:`trackfg.streaming.intake.jump_evidence`). All tables must have jumped: where one has
+rows within the jump, time went on. So it did where rows are known to be missing (``missed_s``), whatever the count
+says. Rows after a jump wait for the next ``LOOK_S`` of rows, however these are grouped in batches; a gap mostly shows
+at once.
 
 A clock that went back, or too far ahead for a gap, was set, or a device was off for an unknown time
-(:mod:`trackfg.streaming.intake.imu_clock`): its ``clock-restart`` is a break in the motion. There the same is tested
-with L = 0, because times are contiguous already; if the vehicle stood before and after, the test is whether the count
-is the same and gravity has the same direction.
-
-Where a clock was set, times of the stream go on one sampling interval after the last row before, and nothing breaks.
-All tables must have jumped: where one has rows within the jump, time went on. So it did where rows are known to be
-missing (``missed_s``), whatever the count says. Rows after a jump wait for the next
-``LOOK_S`` of rows, however these are grouped in batches; a gap mostly shows at once.
+(:mod:`trackfg.streaming.intake.imu_clock`): its ``clock-restart`` is a break in the motion, for which the same is
+tested. Where a clock was set, times of the stream go on one sampling interval after the last row before, and nothing
+breaks.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
-from typing import NamedTuple
 
 import numpy as np
 
 from trackfg.numerics.arrays import Array
-from trackfg.numerics.spans import median_interval
 from trackfg.recording.description import RecordingDescription
 from trackfg.results.events import Event
 from trackfg.sensors.imu_intervals import hole_s
-from trackfg.streaming.rows import Rows, joined_tables
+from trackfg.sensors.sampling_rate import FIRST_SAMPLES, first_interval
+from trackfg.streaming.intake.jump_evidence import (
+    LOOK_S,
+    CountAround,
+    Jump,
+    end_of,
+    stands_as_it_did,
+)
+from trackfg.streaming.rows import SAME_S, Rows, joined_tables, moved_earlier
 
-LOOK_S = 1.0
-"""The speeds are means over so much of the count before and after a jump, s."""
-FREE_S = 0.1
-"""A recorder that is interrupted while its clock is set may miss so much, s."""
-_APART_S = 0.2
-"""The clock of a table may be so far from the IMU's, s."""
-_SHARE = 0.3
-"""The same as a share of the jump, where that is less."""
-_SIGMAS = 4.0
-"""Agreement, in sigmas of the scatter."""
-_FASTER_MPS2 = 3.0
-"""No rail vehicle changes its speed faster, m/s^2, so that a faster one is a gap."""
-_LEAST_ROWS = 3
-"""Rows on either side of a jump that make a line and its scatter."""
-_TILT = 1e-3
-"""Change of the direction of gravity, rad, beyond which a vehicle at rest was moved to other track."""
-_FIRST_SAMPLES = 10
-"""The sampling interval is the median over so many samples."""
 _MOST_KEPT = 100
 """Older resets and shifts are forgotten: events concern the last minutes."""
 
-_SAME_S = 1e-6
-"""Times that are nearer are the same, s: a sum of shifts is rounded."""
-
 _INTERRUPTIONS = ("gap", "clock-restart")
 """Kinds of events of the IMU that wait until a jump is explained."""
-
-
-class Jump(NamedTuple):
-    """A jump from the last row of the IMU before to the first one after, s; by how much the clock went ahead, s; and
-    whether it restarted.
-    """
-
-    begin_s: float
-    end_s: float
-    by_s: float
-    restart: bool = False
-
-    @property
-    def middle_s(self) -> float:
-        """Rows up to this time are before the jump, s."""
-        return 0.5 * (self.begin_s + self.end_s)
-
-    def is_of(self, event: Event) -> bool:
-        """Return whether this is the event of the jump."""
-        return event.t_s is not None and abs(event.t_s - self.begin_s) < _SAME_S
 
 
 @dataclass
@@ -141,13 +96,13 @@ class ClockJumps:
             events_now += self._explained(jump, was_set=was_set)
             if was_set and jump.by_s:
                 self._shift_times(jump)
-                tables = {name: _earlier(table, jump.by_s) for name, table in tables.items()}
+                tables = {name: moved_earlier(table, jump.by_s) for name, table in tables.items()}
         else:
             self._remember(tables)
             parts.append(tables)
             reached = np.inf if last else self.last_s.get("imu", -np.inf)
-            events_now += [event for event in self.interruptions if _end(event) <= reached]
-            self.interruptions = [event for event in self.interruptions if _end(event) > reached]
+            events_now += [event for event in self.interruptions if end_of(event) <= reached]
+            self.interruptions = [event for event in self.interruptions if end_of(event) > reached]
         return self._rows(rows, joined_tables(parts), until_s), tuple(events_now)
 
     def _rows(self, rows: Rows, tables: Mapping[str, Array], until_s: float) -> Rows:
@@ -155,7 +110,7 @@ class ClockJumps:
 
     def _shifted(self, rows: Rows) -> dict[str, Array]:
         tables = rows.tables()
-        return {name: _earlier(table, self.shift_s) for name, table in tables.items()} if self.shift_s else tables
+        return {name: moved_earlier(table, self.shift_s) for name, table in tables.items()} if self.shift_s else tables
 
     def _on_stream_clock(self, event: Event) -> Event:
         """Return an event of an earlier stage with times of the stream."""
@@ -192,9 +147,9 @@ class ClockJumps:
 
     def _learn(self, imu: Array) -> None:
         """Learn the sampling interval from the first rows: a jump between these cannot be recognised."""
-        t = np.concatenate([*self.recent["imu"], imu])[:_FIRST_SAMPLES, 0]
-        if t.size == _FIRST_SAMPLES:
-            self.interval_s, self.looked_s = median_interval(t), float(t[-1])
+        t = np.concatenate([*self.recent["imu"], imu])[:FIRST_SAMPLES, 0]
+        if (interval_s := first_interval(t)) is not None:
+            self.interval_s, self.looked_s = interval_s, float(t[-1])
 
     def _has_hole(self, imu: Array) -> bool:
         if self.interval_s is None or not imu.size:
@@ -212,9 +167,9 @@ class ClockJumps:
         if self.interval_s is None or not imu.size:
             return None
         jumps = [
-            Jump(float(event.t_s or 0.0), _end(event), 0.0, restart=True)
+            Jump(float(event.t_s or 0.0), end_of(event), 0.0, restart=True)
             for event in self.interruptions
-            if event.kind == "clock-restart" and self.looked_s < _end(event) <= imu[-1] + 0.5 * self.interval_s
+            if event.kind == "clock-restart" and self.looked_s < end_of(event) <= imu[-1] + 0.5 * self.interval_s
         ]
         t = np.concatenate([[self.last_s.get("imu", imu[0])], imu])
         holes = np.flatnonzero((t[1:] - t[:-1] > self._hole_s) & (t[1:] > self.looked_s))
@@ -224,58 +179,24 @@ class ClockJumps:
 
     def _clock_was_set(self, jump: Jump, tables: Mapping[str, Array], until_s: float, *, last: bool) -> bool | None:
         """Return whether the clock was set; None while more rows are needed."""
-        is_missed = abs(jump.begin_s + self.shift_s - self.missed_s) < _SAME_S
-        if not self.counts or is_missed or not self._all_jump(jump, tables):
+        is_missed = abs(jump.begin_s + self.shift_s - self.missed_s) < SAME_S
+        if not self.counts or is_missed or not jump.is_of_all(tables, self.last_s):
             return False
-        tach = np.concatenate([*self.recent["tach"], tables["tach"]])
-        until = jump.end_s + LOOK_S
-        tach = tach[(tach[:, 0] > jump.begin_s - LOOK_S) & (tach[:, 0] <= until)]
-        first = int(np.searchsorted(tach[:, 0], jump.middle_s, side="right"))
-        earlier, later = tach[:first], tach[first:]
-        if len(earlier) < _LEAST_ROWS or not _goes_on(earlier, jump.begin_s):
+        count = CountAround.of(jump, np.concatenate([*self.recent["tach"], tables["tach"]]))
+        if not count.reaches_jump or (not jump.restart and count.shows_gap):
             return False
-        if not jump.restart and _is_gap(earlier, later[:1], jump):
-            return False
-        if not last and until_s < until:
+        if not last and until_s < jump.end_s + LOOK_S:
             return None
-        if len(later) < _LEAST_ROWS or not _goes_on(later[::-1], jump.end_s):
+        if not count.leaves_jump or count.is_reset(self.resets):
             return False
-        if any(_end(event) >= earlier[0, 0] and (event.t_s or 0.0) <= later[-1, 0] for event in self.resets):
-            return False
-        if jump.restart and not np.ptp(tach[:, 1]):
-            return self._stands_as_it_did(jump, tables)
-        return _rolled_on(earlier, later, jump)
-
-    def _all_jump(self, jump: Jump, tables: Mapping[str, Array]) -> bool:
-        """Return whether no table has rows within the jump, and all stay in order without it."""
-        apart = min(_APART_S, _SHARE * jump.by_s)
-        for name, table in tables.items():
-            if name == "imu" or not len(table):
-                continue
-            t = table[:, 0]
-            if not jump.restart and ((t > jump.begin_s + apart) & (t < jump.end_s - apart)).any():
-                return False
-            i = int(np.searchsorted(t, jump.middle_s, side="right"))
-            newest = t[i - 1] if i else self.last_s.get(name, -np.inf)
-            if i < len(t) and t[i] - jump.by_s <= newest:
-                return False
-        return True
-
-    def _stands_as_it_did(self, jump: Jump, tables: Mapping[str, Array]) -> bool:
-        imu = np.concatenate([*self.recent["imu"], tables["imu"]])
-        t = imu[:, 0]
-        earlier = imu[(t > jump.begin_s - LOOK_S) & (t <= jump.middle_s), 4:7]
-        later = imu[(t > jump.middle_s) & (t <= jump.end_s + LOOK_S), 4:7]
-        if min(len(earlier), len(later)) < _LEAST_ROWS:
-            return False
-        noise = np.sqrt(earlier.var(axis=0) / len(earlier) + later.var(axis=0) / len(later))
-        turned = np.abs(later.mean(axis=0) - earlier.mean(axis=0))
-        return bool((turned <= _TILT * np.linalg.norm(earlier.mean(axis=0)) + _SIGMAS * noise).all())
+        if jump.restart and count.stands:
+            return stands_as_it_did(jump, np.concatenate([*self.recent["imu"], tables["imu"]]))
+        return count.rolled_on
 
     def _explained(self, jump: Jump, *, was_set: bool) -> list[Event]:
         """Return the events that waited for this jump; where a clock was set, ``clock-set`` replaces its own."""
-        due = [event for event in self.interruptions if _end(event) <= jump.end_s + _SAME_S]
-        self.interruptions = [event for event in self.interruptions if _end(event) > jump.end_s + _SAME_S]
+        due = [event for event in self.interruptions if end_of(event) <= jump.end_s + SAME_S]
+        self.interruptions = [event for event in self.interruptions if end_of(event) > jump.end_s + SAME_S]
         if not was_set:
             return due
         assert self.interval_s is not None
@@ -296,52 +217,9 @@ class ClockJumps:
         self.shifts = [*self.shifts, (since, self.shift_s)][-_MOST_KEPT:]
 
 
-def _goes_on(rows: Array, until: float) -> bool:
-    """Return whether rows come as often as before up to a time."""
-    return bool(abs(until - rows[-1, 0]) <= 3.0 * np.abs(np.diff(rows[:, 0])).max() + _APART_S)
-
-
-def _line(rows: Array) -> tuple[float, float, float]:
-    """Return rate, middle time and scatter of the straight line through counts (n, 2)."""
-    t, count = rows.T - rows.mean(axis=0)[:, None]
-    rate = float(t @ count / (t @ t))
-    return rate, float(rows[:, 0].mean()), float(np.std(count - rate * t))
-
-
-def _is_gap(earlier: Array, first: Array, jump: Jump) -> bool:
-    """Return whether the first reading after has gone on by half the jump or more; True at rest, where it cannot."""
-    rate = _line(earlier)[0]
-    if rate == 0.0:
-        return True
-    seconds, counted = (first - earlier[-1:]).T
-    return bool((counted / rate > seconds - 0.5 * jump.by_s).any())
-
-
-def _rolled_on(earlier: Array, later: Array, jump: Jump) -> bool:
-    """Return whether the count went on as if no time had passed, and could not have done so in that time."""
-    (slow, t0, scatter), (fast, t1, scatter1) = _line(earlier), _line(later)
-    speed = 0.5 * (slow + fast)
-    if slow * fast <= 0.0 or abs(fast - slow) > _FASTER_MPS2 * (t1 - t0 - jump.by_s):
-        return False
-    free = FREE_S if jump.restart else min(FREE_S, _SHARE * jump.by_s)
-    allowed = free * abs(speed) + _SIGMAS * max(scatter, scatter1)
-    if not jump.restart and abs(speed) * jump.by_s < 2.0 * allowed:
-        return False
-    seconds, counted = later[0] - earlier[-1]
-    return bool(abs(counted - speed * (seconds - jump.by_s)) <= allowed)
-
-
 def _split(tables: Mapping[str, Array], at_s: float) -> tuple[dict[str, Array], dict[str, Array]]:
     first = {name: int(np.searchsorted(table[:, 0], at_s, side="right")) for name, table in tables.items()}
     return (
         {name: table[: first[name]] for name, table in tables.items()},
         {name: table[first[name] :] for name, table in tables.items()},
     )
-
-
-def _earlier(table: Array, by_s: float) -> Array:
-    return np.column_stack([table[:, 0] - by_s, table[:, 1:]]) if len(table) else table
-
-
-def _end(event: Event) -> float:
-    return -np.inf if event.until_s is None else event.until_s

@@ -44,7 +44,7 @@ class _Run:
 
     @property
     def interval_s(self) -> float:
-        """How often the receiver measures, s."""
+        """The time from one measurement of the receiver to the next, s."""
         return float(np.median(self.lasted_s)) if len(self.lasted_s) >= FEWEST_RUNS else SLOWEST_S
 
 

@@ -51,7 +51,7 @@ _BESIDE = 0.75
 
 @dataclass(frozen=True)
 class ClockLimits:
-    """How long is waited, and how large a jump is accepted, s.
+    """Limits of waiting, and of the jumps that are accepted, s.
 
     ``hold_s``: how late a row of any table may be against the newest of the IMU; ``back_s``: how much further behind a
     row of the IMU is merely late; ``ahead_s``: a longer gap must prove itself; ``settle_s``: by so long a succession;
