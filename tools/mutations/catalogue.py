@@ -651,8 +651,8 @@ _SENSORS = (
         ),
     ),
     Part(
-        "trackfg/streaming/window/noise_record.py",
-        ("tests/trackfg/streaming/window/test_noise_record.py",),
+        "trackfg/streaming/window/records/noise_record.py",
+        ("tests/trackfg/streaming/window/records/test_noise_record.py",),
         (
             _one("levels are of assumed sigmas, not of declared ones", "* level**2", "* 1.0"),
             _one(
@@ -807,8 +807,8 @@ _STREAMING = (
         (_one("backwards counts as forwards", "chord[0] @ forward))", "abs(chord[0] @ forward)))"),),
     ),
     Part(
-        "trackfg/streaming/window/gnss_record.py",
-        ("tests/trackfg/streaming/window/test_gnss_record.py",),
+        "trackfg/streaming/window/records/gnss_record.py",
+        ("tests/trackfg/streaming/window/records/test_gnss_record.py",),
         (
             _one("positions get their weight back at once", "np.all(self.given[longest:, 0] > _LITTLE)", "True"),
             _one("positions never get it back", "return little and have_grown", "return False and have_grown"),

@@ -28,8 +28,8 @@ from trackfg.numerics.spans import median_interval
 from trackfg.recording.description import RecordingDescription
 from trackfg.recording.model import IMU_COLUMNS, TACH_COLUMNS
 from trackfg.results.events import Event, doubt_event
-from trackfg.streaming.rows import Rows, described_tables, no_rows
-from trackfg.streaming.window.growable_array import GrowableArray
+from trackfg.streaming.growable_array import GrowableArray
+from trackfg.streaming.rows import Rows, described_tables, moved_earlier, no_rows
 
 CELL_S = 0.05
 """Length of a cell, s: an eighth of the shortest average of accelerations that are compared."""
@@ -130,7 +130,7 @@ class ImuClockJumps:
         if not len(rows):
             return []
         self.newest = np.concatenate([self.newest, rows[:, 0]])[-_NEWEST:]
-        rows = np.concatenate([self.cell, _earlier(rows, self.ahead_s)])
+        rows = np.concatenate([self.cell, moved_earlier(rows, self.ahead_s)])
         first = np.flatnonzero(np.diff(_cell(rows[:, 0]), prepend=-np.inf))
         if len(first) > 1:
             sums = np.add.reduceat(rows[: first[-1]], first[:-1], axis=0)
@@ -198,10 +198,6 @@ def _distance(source: str, rows: Array) -> Array:
 def _cell(t: Array) -> Array:
     """Return the number of the cell in which times are."""
     return np.asarray(np.floor(t / CELL_S))
-
-
-def _earlier(rows: Array, by_s: float) -> Array:
-    return np.column_stack([rows[:, 0] - by_s, rows[:, 1:]]) if by_s else rows
 
 
 def _since(table: GrowableArray, since_s: float) -> GrowableArray:

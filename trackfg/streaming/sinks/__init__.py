@@ -1,1 +1,1 @@
-"""Where a stream's estimates go."""
+"""Sinks take a stream's estimates: JSON lines, a callback, Parquet parts."""

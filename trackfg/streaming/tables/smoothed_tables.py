@@ -32,7 +32,7 @@ from trackfg.solver.covariance import Covariance, posterior_covariance
 from trackfg.solver.square_root import SquareRoot
 from trackfg.streaming.tables.settled_events import EventInput, SettledEvents
 from trackfg.streaming.window.marginalised import MarginalisedHistory
-from trackfg.streaming.window.noise_record import NoiseRecord
+from trackfg.streaming.window.records.noise_record import NoiseRecord
 from trackfg.streaming.window.sample_buffer import AFTER_S, SampleBuffer
 from trackfg.streaming.window.stream_context import StreamContext
 from trackfg.streaming.window.tach_buffer import TachBuffer

@@ -48,15 +48,11 @@ module                content
 ``filter_step``       the Gauss-Newton step of two keyframes, a Kalman filter's update
 ``fix_voting``        which of contradicting fixes are followed
 ``wheel_creep``       whether the wheel crept, as a fix or the accelerometer shows it
-``residual_records``  sigmas as residuals show them, by the three records that follow:
-``gnss_record``       how good GNSS positions are, from their residuals
-``noise_record``      how noisy sensors, motion and wheel are, from their residuals
-``walk_record``       how fast biases walk
+``records``           how good the sensors are, from their residuals
 ``rests``             standstills, while they last
 ``marginalised``      keyframes that left the window and are still needed by the tables
 ``sample_buffer``     the rows that are still needed
 ``tach_buffer``       the newest rows of the tach, signed, and their resolution
-``growable_array``    arrays that grow at their end
 ``stream_context``    what is constant along a stream
 ====================  =================================================================================================
 """

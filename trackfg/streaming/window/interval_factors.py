@@ -54,12 +54,13 @@ class MotionFactors(NamedTuple):
     def of(cls, description: RecordingDescription, config: SmoothConfig) -> MotionFactors:
         """Return the families of a stream with these settings."""
         first, huber = np.zeros(1, dtype=np.int64), Huber(config.motion.robust_width)
-        one, two, turn, arm = np.ones((1, 1)), np.ones((1, 2)), np.eye(3)[None], np.array(description.imu.lever_arm_m)
+        sigma, sigmas, turn = np.ones((1, 1)), np.ones((1, 2)), np.eye(3)[None]
+        arm = np.array(description.imu.lever_arm_m)
         return cls(
-            distance_chain(first, two),
-            arc_length(first, arm, one),
-            follows_path(first, turn, turn, turn, arm, two, huber),
-            non_holonomic(first + 1, np.zeros((1, 3)), arm, np.ones(1), two, two, huber),
+            distance_chain(first, sigmas),
+            arc_length(first, arm, sigma),
+            follows_path(first, turn, turn, turn, arm, sigmas, huber),
+            non_holonomic(first + 1, np.zeros((1, 3)), arm, np.ones(1), sigmas, sigmas, huber),
             bias_walk(first, np.zeros((1, Kind.BIAS.dim, Kind.IMU.dim)), np.ones((1, Kind.BIAS.dim))),
         )
 
@@ -91,7 +92,8 @@ class TachFactors(NamedTuple):
     @classmethod
     def of(cls, config: SmoothConfig) -> TachFactors:
         """Return the families of a stream with these settings."""
-        first, one = np.zeros(1, dtype=np.int64), np.ones(1)
+        first, any_number = np.zeros(1, dtype=np.int64), np.ones(1)
         loss = SwitchChain(config.tach.robust_width, config.keyframes.interval_s)
-        rolled = tach_distance(first, np.zeros((1, Kind.WHEEL.dim)), one[:, None], loss)
-        return cls(rolled, tach_reading(first + 1, one, one, one, one[:, None]))
+        rolled = tach_distance(first, np.zeros((1, Kind.WHEEL.dim)), any_number[:, None], loss)
+        read = tach_reading(first + 1, any_number, any_number, any_number, any_number[:, None])
+        return cls(rolled, read)

@@ -113,7 +113,7 @@ def _merge(first: MarginalisedKeyframes, second: MarginalisedKeyframes) -> Margi
 
     The rows ``R x + S (x', s) = d`` of both are stacked with x' and s at the linearisation point of the second.
     """
-    (R, S, d), (R_next, S_next, d_next) = ([part[0] for part in one.conditionals] for one in (first, second))
+    (R, S, d), (R_next, S_next, d_next) = ([part[0] for part in keyframe.conditionals] for keyframe in (first, second))
     point, next_point = first.linearisation_point, second.linearisation_point
     J, c = change_of_linearisation_point(point.take(slice(1, 2)), next_point.take(slice(0, 1)))
     d = d - S @ np.concatenate([c.keyframes[0], c.shared])

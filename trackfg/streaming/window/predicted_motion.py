@@ -74,7 +74,7 @@ class PredictedMotion:
 
     @cached_property
     def inputs(self) -> GraphInputs:
-        """What factors of other rows are made from, with the first guess of the motion."""
+        """The inputs of the factors of other rows, with the first guess of the motion."""
         return self.make_inputs()
 
     @classmethod
@@ -97,7 +97,7 @@ def _by_arrays(
     nav = measured.predicted(start.nav, start.bias[0])
     distance = _distance(start.nav, nav, context.lever_arm)
     begin, end = inputs.t
-    slow, fast = (float(one.v[0] @ one.R[0, :, 0]) for one in (start.nav, nav))
+    slow, fast = (float(state.v[0] @ state.R[0, :, 0]) for state in (start.nav, nav))
     speed = slow + (fast - slow) * (standing.t - begin) / (end - begin)
     speed += distance / (end - begin) - 0.5 * (slow + fast)
     path = _path(data, standing.rpy[:1], start.bias, speed)

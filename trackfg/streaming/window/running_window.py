@@ -36,7 +36,7 @@ from trackfg.streaming.checkpoint.snapshot import DERIVED
 from trackfg.streaming.window.filter_step import FilterResult, PredictedPair
 from trackfg.streaming.window.fix_voting import FixVotes, shift_interval, shift_window
 from trackfg.streaming.window.next_interval import predict_interval, with_other_rows
-from trackfg.streaming.window.residual_records import ResidualRecords
+from trackfg.streaming.window.records.residual_records import ResidualRecords
 from trackfg.streaming.window.rests import LOOK_S, Rests
 from trackfg.streaming.window.sample_buffer import AFTER_S, SampleBuffer
 from trackfg.streaming.window.starting_window import FirstProblem, KnownDistance, late_tach
@@ -253,7 +253,7 @@ class RunningWindow:
         if self.predicted is None or self.predicted.prediction.interval.t != t:
             last = float(self.newest.t[0])
             data = self.buffer.intervals(last - _NOISE_S, t + _RATES_S)
-            edges = data.edges.searchsorted([last - 1e-9, t - 1e-9])
+            edges = data.edges_at([last, t])
             broken = self.buffer.has_break(last, t)
             noise = self.records.noise
             prediction = predict_interval(self.context, self.newest, data, edges, noise.shown, broken=broken)

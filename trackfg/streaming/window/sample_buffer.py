@@ -16,22 +16,17 @@ from trackfg.graph.further_sensors import BEFORE_S
 from trackfg.graph.inputs import RATE_WINDOW_S
 from trackfg.graph.keyframes import TOO_CLOSE
 from trackfg.numerics.arrays import Array
-from trackfg.numerics.spans import median_interval
 from trackfg.recording.description import RecordingDescription
 from trackfg.recording.model import LASER_COLUMNS, Recording
 from trackfg.sensors.displacement import RailView, rail_views
-from trackfg.sensors.imu_intervals import Intervals, laid_out, means_around
-from trackfg.sensors.sampling_rate import RateFollower
+from trackfg.sensors.imu_intervals import SAME_S, Intervals, laid_out, means_around
+from trackfg.sensors.sampling_rate import RateFollower, first_interval
+from trackfg.streaming.growable_array import GrowableArray, GrowableIntervals
 from trackfg.streaming.rows import NO_SAMPLES, Rows, canonical_columns, no_rows
-from trackfg.streaming.window.growable_array import GrowableArray, GrowableIntervals
 
 AFTER_S = 0.3
 """A keyframe needs rows this much younger than itself, s: its rates are means over 0.5 s of the wheel."""
-_FIRST_SAMPLES = 10
-"""Number of samples over which the sampling interval is the median."""
 _POSITIONS = ("fixes", "gnss")
-_SAME_S = 1e-9
-"""Times nearer than this, s, are equal but for rounding."""
 _OTHERS_AFTER_S = 0.3
 """Time after an interval, s, up to which rows of further sensors are at hand when it is completed."""
 _AT_REST_S = 0.5
@@ -113,9 +108,9 @@ class SampleBuffer:
         """Make intervals of the samples that wait, except the last: the next sample ends its interval."""
         rows = self.waiting
         if self.rate is None:
-            if len(rows) < _FIRST_SAMPLES:
+            if (interval_s := first_interval(rows[:, 0])) is None:
                 return
-            self.rate = RateFollower(median_interval(rows[:_FIRST_SAMPLES, 0]))
+            self.rate = RateFollower(interval_s)
         if len(rows) < 2:
             return
         first = 0
@@ -138,7 +133,7 @@ class SampleBuffer:
     def intervals(self, begin: float, end: float) -> Intervals:
         """Return the inertial intervals that lie between two times, s."""
         data = self.inertial
-        low, high = data.edges.searchsorted(begin - 1e-9), data.edges.searchsorted(end + 1e-9, side="right") - 1
+        low, high = data.edges_at(begin), data.edges.searchsorted(end + SAME_S, side="right") - 1
         return data.take(slice(int(low), int(high)))
 
     def keyframe_after(self, last: float, spacing_s: float) -> float | None:
@@ -153,12 +148,12 @@ class SampleBuffer:
                 continue
             times = table[:, 0]
             soon = min(last + (1.0 + TOO_CLOSE) * (due - last), due + AFTER_S)
-            measured = times[(times > last + _SAME_S) & (times < soon)]
+            measured = times[(times > last + SAME_S) & (times < soon)]
             if measured.size:
                 due = float(measured[0])
         due = min([due, *self.hole_edges(last, due)[:1]])
         edges = self.inertial.edges
-        at = int(edges.searchsorted(due - _SAME_S))
+        at = int(self.inertial.edges_at(due))
         return float(edges[at]) if at < len(edges) else None
 
     def hole_edges(self, begin: float, until: float) -> Array:
@@ -184,7 +179,7 @@ class SampleBuffer:
 
         Of these there are rows from just before and after as well.
         """
-        since, until = begin + _SAME_S, end + _SAME_S
+        since, until = begin + SAME_S, end + SAME_S
         fixes, gnss = (self._frame(name, self.positions[name], since, until) for name in _POSITIONS)
         return Recording(
             self.description,
@@ -208,7 +203,7 @@ class SampleBuffer:
         tach = None
         if self.description.tach is not None:
             tach = pd.DataFrame(_between(self.tach, begin, end), columns=_columns("tach"))
-        return replace(self.other_rows_between(begin - 2.0 * _SAME_S, end), imu=imu, tach=tach)
+        return replace(self.other_rows_between(begin - 2.0 * SAME_S, end), imu=imu, tach=tach)
 
     def first_speed(self, since: float) -> float | None:
         """Return when the first row from ``since`` (s) on was measured that determines the speed."""
@@ -257,7 +252,7 @@ class SampleBuffer:
         """Make each rest (r, 2), s, between edges of the inertial record, one long interval."""
         for begin, end in rests[::-1]:
             data = self.inertial
-            i, j = np.searchsorted(data.edges, [begin - 1e-9, end - 1e-9]).tolist()
+            i, j = data.edges_at([begin, end]).tolist()
             share = data.durations[i:j, None] / (data.edges[j] - data.edges[i])
             gyro, accel = (np.sum(samples[i:j] * share, axis=0) for samples in (data.gyro, data.accel))
             merged = Intervals(

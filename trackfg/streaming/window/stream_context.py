@@ -16,12 +16,14 @@ from trackfg.results.summary import GeometryConventions
 from trackfg.sensors.imu_intervals import Intervals
 from trackfg.sensors.imu_noise import WhiteNoise, noise_seen
 from trackfg.streaming.window.interval_factors import MotionFactors, TachFactors
-from trackfg.streaming.window.noise_record import NoiseRecord
+from trackfg.streaming.window.records.noise_record import NoiseRecord
 
 
 @dataclass(frozen=True, eq=False)
 class StreamContext:
-    """What is constant along a stream; ``clock_origin``, s, as in :class:`trackfg.graph.build.Problem`."""
+    """The description, settings and world of a stream; ``clock_origin``, s, as in
+    :class:`trackfg.graph.build.Problem`.
+    """
 
     description: RecordingDescription
     config: SmoothConfig
@@ -35,7 +37,7 @@ class StreamContext:
 
     @cached_property
     def conventions(self) -> GeometryConventions:
-        """What the geometry's columns mean."""
+        """The conventions of the geometry's columns."""
         return geometry_conventions(self.config.geometry, self.description.track)
 
     @cached_property
@@ -59,7 +61,7 @@ class StreamContext:
         """Return the context of keyframes at ``t`` (n,), on edges of the inertial ``data`` with this noise."""
         return RunContext(
             t=t,
-            edges=data.edges.searchsorted(t - 1e-9),
+            edges=data.edges_at(t),
             inertial=data,
             world=self.world,
             lever_arm=self.lever_arm,

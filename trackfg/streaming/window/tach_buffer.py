@@ -150,7 +150,7 @@ class TachBuffer:
 
 @dataclass
 class TachResolution:
-    """What readings are rounded to. ``quantum``: the distance of one count, m; ``rounding_sd``: of a reading, m.
+    """The resolution of a tach. ``quantum``: the distance of one count, m; ``rounding_sd``: of a reading, m.
 
     ``rows`` (n, 2): times and distances as recorded since the wheel began to turn, while ``learning``; at rest the
     last one.

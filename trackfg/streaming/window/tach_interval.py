@@ -1,4 +1,4 @@
-"""What a wheel rolls over the next interval of a stream, as factors on both its keyframes.
+"""The factors of what a wheel rolls over the next interval of a stream, on both its keyframes.
 
 Where compiled kernels are in use, ``kernels/tach.cpp`` computes the numbers of a wheel whose count is its distance but
 for rounding; the batch smoother's functions make the factors of any other, and are its reference.
@@ -21,7 +21,7 @@ from trackfg.streaming.window.predicted_motion import PredictedMotion
 
 
 class TachInterval(NamedTuple):
-    """What the tach ``counted`` over the interval, m (NaN without a wheel), and its factors."""
+    """The tach's count over an interval: what it ``counted``, m (NaN without a wheel), and its factors."""
 
     counted: float
     families: tuple[Family, ...]

@@ -156,7 +156,8 @@ class Window:
 
 
 class Interval(NamedTuple):
-    """What the time from the newest keyframe (number 0) to the next one (number 1), at ``t`` (s), adds to a window.
+    """The next interval of a window: all that it adds, from the newest keyframe (number 0) to the next one (number 1),
+    at ``t``, s.
 
     ``bias`` (6,): mean IMU bias over the interval, the calibration's contribution included; ``response`` (6, IMU): its
     derivative by the calibration. ``predicted``: the state of the next keyframe, alone.
@@ -287,4 +288,4 @@ def _merge_by_type(families: Iterable[tuple[Family, int]]) -> tuple[Family, ...]
 
 def _merged(first: tuple[Family, int], *later: tuple[Family, int]) -> Family:
     family = first[0].shifted(first[1])
-    return family.joined(*(one for one, _ in later), shifts=[by for _, by in later]) if later else family
+    return family.joined(*(other for other, _ in later), shifts=[by for _, by in later]) if later else family

@@ -24,7 +24,7 @@ from trackfg.results.events import DOUBT
 from trackfg.streaming.fixed_lag import Estimates, FixedLagSmoother
 from trackfg.streaming.intake.intake import Intake
 from trackfg.streaming.sources.source import RecordingSource
-from trackfg.streaming.window.gnss_record import GnssRecord
+from trackfg.streaming.window.records.gnss_record import GnssRecord
 from trackfg.streaming.window.window import Window
 
 WIDTH = 3.0

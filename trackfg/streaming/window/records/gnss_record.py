@@ -7,10 +7,9 @@ says by what factor the declared sigmas are too small: of the positions in the w
 that of the newest one. A stream only widens them: what it has marginalised it cannot doubt any more.
 
 Residuals of positions are those of wheel and inertial sensor where these err by more than is assumed of them. So GNSS
-is not judged while another group of residuals is further beyond its sigmas
-(:mod:`trackfg.streaming.window.noise_record`), nor, if residuals have shown another group to be noisier than declared,
-while the sigmas of the speed are doubted (:mod:`trackfg.streaming.doubts.sigma_test`), and what was learnt is
-forgotten.
+is not judged, and what was learnt is forgotten, while another group of residuals is further beyond its sigmas
+(:mod:`~trackfg.streaming.window.records.noise_record`), or while the sigmas of the speed are doubted
+(:mod:`trackfg.streaming.doubts.sigma_test`) and residuals have shown another group to be noisier than declared.
 
 If the stream is what errs, its residuals grow as positions lose their weight, and they would lose more. So where they
 have had little for longer than a receiver's errors last, and residuals are beyond the level that was seen when that
@@ -41,6 +40,7 @@ from trackfg.smoothing.gnss_errors import (
 )
 from trackfg.solver.covariance import Covariance
 from trackfg.solver.leave_one_out import predicted
+from trackfg.streaming.rows import SAME_S
 from trackfg.streaming.window.window import Window
 
 _MOST = 600
@@ -56,9 +56,6 @@ _LITTLE = 3.0
 
 _LATELY_S = 30.0
 """Residuals of so long, s, are held against the level: the errors of some independent positions."""
-
-_SAME_S = 1e-6
-"""Times nearer than this are of one position, s."""
 
 
 @dataclass
@@ -110,7 +107,7 @@ class GnssRecord:
         if family is None or family.loss is None:
             return
         family = family.take(family.slots[0].index >= older)
-        family = family.take(_times(family, window.t) > (self.t[-1] + _SAME_S if self.t.size else -np.inf))
+        family = family.take(_times(family, window.t) > (self.t[-1] + SAME_S if self.t.size else -np.inf))
         if not len(family):
             return
         residual, S = predicted(family.shifted(-older), window.states.take(slice(older, None)), covariance)
@@ -129,7 +126,7 @@ class GnssRecord:
 
     @property
     def usual(self) -> Array:
-        """What the sigmas of positions usually are, in declared ones, (3,)."""
+        """The usual sigmas of positions, in declared ones, (3,)."""
         judged = self.factor[self.t > self.since_s]
         return np.median(judged, axis=0) if len(judged) else np.ones_like(self.expected)
 
@@ -227,8 +224,8 @@ class GnssRecord:
 
     def _rows(self, t: Array) -> tuple[np.ndarray, np.ndarray]:
         """Return the row of each of the positions at ``t`` (m,), s, and whether it has one, (m,)."""
-        row = np.clip(np.searchsorted(self.t, t - _SAME_S), 0, len(self.t) - 1)
-        return row, np.abs(self.t[row] - t) <= _SAME_S
+        row = np.clip(np.searchsorted(self.t, t - SAME_S), 0, len(self.t) - 1)
+        return row, np.abs(self.t[row] - t) <= SAME_S
 
     def _weighed(self, family: Family, sigma: Array, width: float) -> Family:
         return family if family.loss is None else family.with_sigma(sigma).with_loss(Huber(width / self.lasting))

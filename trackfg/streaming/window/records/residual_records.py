@@ -15,9 +15,9 @@ import numpy as np
 from trackfg.factors.family import Family
 from trackfg.solver.covariance import Covariance, posterior_covariance
 from trackfg.solver.variance_components import GROUPS, Residuals, group_residuals, ratios_of, walk_residuals
-from trackfg.streaming.window.gnss_record import GnssRecord
-from trackfg.streaming.window.noise_record import NoiseRecord
-from trackfg.streaming.window.walk_record import WalkRecord
+from trackfg.streaming.window.records.gnss_record import GnssRecord
+from trackfg.streaming.window.records.noise_record import NoiseRecord
+from trackfg.streaming.window.records.walk_record import WalkRecord
 from trackfg.streaming.window.window import Window, WindowStep
 
 

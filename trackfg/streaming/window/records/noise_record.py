@@ -37,6 +37,7 @@ from trackfg.smoothing.noise_levels import (
 )
 from trackfg.smoothing.reassessment import others_are_worse
 from trackfg.solver.variance_components import LEAST_REDUNDANCY, Residuals
+from trackfg.streaming.rows import SAME_S
 from trackfg.streaming.window.sample_buffer import SampleBuffer
 from trackfg.streaming.window.window import Interval, Window
 
@@ -63,9 +64,6 @@ _LEAST_REST_S = 2.0
 
 _MOST_MEANS = 600
 """Means at rest that are remembered: five minutes of them."""
-
-_SAME_S = 1e-6
-"""Times nearer than this are of one keyframe, s."""
 
 
 @dataclass
@@ -98,7 +96,7 @@ class NoiseRecord:
     def at(self, t: Array) -> Array:
         """Return the levels of gyro and accelerometer of intervals that began at ``t`` (m,), s; shape (m, 2)."""
         levels = np.concatenate([self.inertial, self.newest[None]])
-        return np.asarray(levels[np.searchsorted(self.t, t - _SAME_S)])
+        return np.asarray(levels[np.searchsorted(self.t, t - SAME_S)])
 
     def look_at_rests(self, buffer: SampleBuffer, rests: Array) -> Array:
         """Learn from what is new of ``rests`` (r, 2), s, and return by what the excess grew, (6,)."""
@@ -117,7 +115,7 @@ class NoiseRecord:
         if not more.any():
             return window
         levels = self.at(window.t[:-1])
-        measured = (_with_more(one, more, level) for one, level in zip(window.measured, levels, strict=True))
+        measured = (_with_more(interval, more, level) for interval, level in zip(window.measured, levels, strict=True))
         return replace(window, measured=tuple(measured))
 
     def weigh(self, window: Window, groups: Mapping[str, Residuals], leaving: int) -> Window:
@@ -214,7 +212,7 @@ class NoiseRecord:
 
     def _take(self, t: Array, inertial: Array, others: Array, leaving: int) -> None:
         """Take the levels of a window whose keyframes are at ``t`` (n,), s."""
-        first = int(np.searchsorted(self.t, t[0] - _SAME_S))
+        first = int(np.searchsorted(self.t, t[0] - SAME_S))
         self.t = np.concatenate([self.t[:first], t[:-1]])[-_MOST:]
         self.inertial = np.concatenate([self.inertial[:first], inertial])[-_MOST:]
         self.newest, self.others = inertial[-1], others
@@ -231,7 +229,7 @@ def _scaled_window(window: Window, inertial: Array, others: Array) -> Window:
     """Return the window with sigmas so many times as large: of its intervals (n - 1, 2), and of families (groups,)."""
     if (inertial == 1.0).all() and (others == 1.0).all():
         return window
-    measured = tuple(_scaled(one, factor) for one, factor in zip(window.measured, inertial, strict=True))
+    measured = tuple(_scaled(interval, factor) for interval, factor in zip(window.measured, inertial, strict=True))
     return replace(window, measured=measured, families=_scaled_families(window.families, others))
 
 

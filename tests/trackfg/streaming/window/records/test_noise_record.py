@@ -19,11 +19,11 @@ from trackfg.recording.model import Recording
 from trackfg.results.events import DOUBT
 from trackfg.sensors.imu_intervals import Intervals
 from trackfg.solver.variance_components import Residuals
-from trackfg.streaming.window.noise_record import NoiseRecord, _with_more
+from trackfg.streaming.window.records.noise_record import NoiseRecord, _with_more
 from trackfg.streaming.window.sample_buffer import SampleBuffer
 from trackfg.streaming.window.window import Window
 
-from ..conftest import setting_off
+from ...conftest import setting_off
 
 N = 60
 """Intervals of the windows here."""

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from trackfg.sensors.imu_intervals import Intervals
-from trackfg.streaming.window.growable_array import GrowableArray, GrowableIntervals
+from trackfg.streaming.growable_array import GrowableArray, GrowableIntervals
 
 
 @given(st.lists(st.integers(0, 90), max_size=8))

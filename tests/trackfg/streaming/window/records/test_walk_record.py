@@ -16,10 +16,10 @@ from trackfg.graph.inertial import walk_of
 from trackfg.recording.description import ImuNoise
 from trackfg.results.events import DOUBT
 from trackfg.solver.variance_components import Residuals
-from trackfg.streaming.window.walk_record import WalkRecord
+from trackfg.streaming.window.records.walk_record import WalkRecord
 from trackfg.streaming.window.window import Window
 
-from ..conftest import setting_off, streamed
+from ...conftest import setting_off, streamed
 
 PASSES, N, LEAVING = 60, 30, 10
 NOT_FAR_OFF = np.zeros(2, dtype=bool)

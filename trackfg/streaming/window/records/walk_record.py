@@ -29,13 +29,11 @@ from trackfg.recording.description import ImuNoise
 from trackfg.results.events import Event, doubt_event
 from trackfg.smoothing.noise_levels import FAR_OFF, level_like, levels_seen, settled
 from trackfg.solver.variance_components import Residuals
+from trackfg.streaming.events import CHANCE_OF_DOUBT
 from trackfg.streaming.window.window import Window
 
 _SENSORS = {"accelerometer": "accel_bias_walk", "gyro": "gyro_bias_walk"}
 """The sensors in the order of the walk's columns, and what declares their walk."""
-
-_CHANCE = 1e-3
-"""Probability of such residuals by chance, below which attitudes are doubted."""
 
 _AXES = 3
 """Columns of the walk of each sensor."""
@@ -82,9 +80,11 @@ class WalkRecord:
         """Return an event for each sensor whose biases walk far faster than declared, known at ``until_s``."""
         squares, degrees = self._independent
         mean = squares / np.maximum(degrees, 1.0)
-        ratio = np.where(exceeds_chance(mean, degrees, _CHANCE), np.sqrt(mean), 1.0)
+        ratio = np.where(exceeds_chance(mean, degrees, CHANCE_OF_DOUBT), np.sqrt(mean), 1.0)
         return tuple(
-            _doubt(sensor, one, until_s) for sensor, one in zip(_SENSORS, ratio.tolist(), strict=True) if one > FAR_OFF
+            _doubt(sensor, level, until_s)
+            for sensor, level in zip(_SENSORS, ratio.tolist(), strict=True)
+            if level > FAR_OFF
         )
 
     def _levels_seen(self) -> Array:
