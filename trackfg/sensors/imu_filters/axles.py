@@ -10,12 +10,12 @@ So a sensor on such a frame measures at the speed v, where w is its rate and l i
 
     f_z / v^2 = (1 + b d^2/dx^2) p - l_x p' + l_y q' - T v p',   p = -w_y / v,   q = w_x / v,
 
-beside gravity, with a delay T of the force. Least squares give b, with the sigma of errors that are correlated within
-blocks, as in :mod:`~trackfg.sensors.imu_filters.accelerometer_clock`. Noise of the gyro makes the short waves of p
-larger than they are, and b with them: a share e of noise in the power of p, by e / k^2 at most. The share of the
-force's power that is not explained is not less than e, and the noise that the samples show not either, so that so much
-of b may be noise. Vibration is no white noise: what the samples show of it may be several times what there is in the
-band. So equation and noise together have to explain the force's power to a tenth.
+beside gravity, with a delay T of the force; backwards v is negative, and x falls. Least squares give b, with the sigma
+of errors that are correlated within blocks, as in :mod:`~trackfg.sensors.imu_filters.accelerometer_clock`. Noise of the
+gyro makes the short waves of p larger than they are, and b with them: a share e of noise in the power of p, by e / k^2
+at most. The share of the force's power that is not explained is not less than e, and the noise that the samples show
+not either, so that so much of b may be noise. Vibration is no white noise: what the samples show of it may be several
+times what there is in the band. So equation and noise together have to explain the force's power to a tenth.
 
 What neither the equation nor the noise of the samples explains of the force is motion of the sensor's own: a body on
 springs turns and moves otherwise than the track does. White noise of the density N in a mean over the time T has the
@@ -97,8 +97,8 @@ def means(samples: Intervals, noise: WhiteNoise, t: Array, speed: Array) -> Arra
     """Return means over :data:`STEP_S` (n, 7) of samples, and speeds at the times ``t`` (m,), between which the samples
     have the ``noise`` (m - 1,).
 
-    The columns are the speed, the rates of roll and pitch, the force upwards, the squared densities of the noise of the
-    rate of pitch and of the force, and 1 where all was measured.
+    The columns are the speed, backwards negative, the rates of roll and pitch, the force upwards, the squared densities
+    of the noise of the rate of pitch and of the force, and 1 where all was measured.
     """
     edges = np.arange(samples.edges[0], samples.edges[-1], STEP_S)
     if len(edges) < 2 or len(t) < 2:
@@ -108,7 +108,7 @@ def means(samples: Intervals, noise: WhiteNoise, t: Array, speed: Array) -> Arra
     measured = ~samples.bridged[np.searchsorted(samples.edges, middle) - 1]
     k = np.clip(np.searchsorted(t, middle) - 1, 0, len(t) - 2)
     densities = np.column_stack([noise.gyro[k, 1], noise.accel[k, 2]]) ** 2
-    return np.column_stack([np.abs(np.interp(middle, t, speed)), gyro[:, :2], accel[:, 2], densities, measured])
+    return np.column_stack([np.interp(middle, t, speed), gyro[:, :2], accel[:, 2], densities, measured])
 
 
 def track_sums(means: Array) -> TrackSums:
@@ -117,24 +117,27 @@ def track_sums(means: Array) -> TrackSums:
     if not len(means):
         return sums
     speed = gaussian_filter1d(means[:, 0], _SPEED_S / STEP_S)
-    for first, end in true_runs((means[:, -1] > 0.0) & (speed > _SLOWEST_MPS)):
+    for first, end in true_runs((means[:, -1] > 0.0) & (np.abs(speed) > _SLOWEST_MPS)):
         v, (roll, pitch, up, of_pitch, of_up) = speed[first:end], means[first:end, 1:6].T
-        x = np.concatenate([[0.0], np.cumsum(v * STEP_S)])
-        if x[-1] >= _BLOCK_M + 2.0 * _END_M:
-            shown = [-pitch / v, roll / v, (up - np.median(up)) / v**2, v, of_pitch / v, of_up / v**3]
-            sums += _of_stretch(x, np.column_stack(shown))
+        way = np.concatenate([[0.0], np.cumsum(np.abs(v) * STEP_S)])
+        if way[-1] >= _BLOCK_M + 2.0 * _END_M:
+            noise = of_pitch / np.abs(v), of_up / np.abs(v) ** 3
+            shown = np.column_stack([-pitch / v, roll / v, (up - np.median(up)) / v**2, v, *noise])
+            sums += _of_stretch(way, shown, 1.0 if v[0] > 0.0 else -1.0)
     return sums
 
 
-def _of_stretch(x: Array, shown: Array) -> TrackSums:
-    """Return the sums of a stretch; ``shown`` (n, 6) between the places ``x`` (n + 1,), m."""
-    grid = np.arange(0.0, x[-1], _STEP_M)
-    sums = np.concatenate([np.zeros((1, shown.shape[1])), np.cumsum(shown * np.diff(x)[:, None], axis=0)])
-    mean = np.column_stack([np.diff(np.interp(grid, x, integral)) / _STEP_M for integral in sums.T])
+def _of_stretch(way: Array, shown: Array, sense: float) -> TrackSums:
+    """Return the sums of a stretch; ``shown`` (n, 6) between the places ``way`` (n + 1,), m, on a way in one ``sense``,
+    -1 backwards.
+    """
+    grid = np.arange(0.0, way[-1], _STEP_M)
+    sums = np.concatenate([np.zeros((1, shown.shape[1])), np.cumsum(shown * np.diff(way)[:, None], axis=0)])
+    mean = np.column_stack([np.diff(np.interp(grid, way, integral)) / _STEP_M for integral in sums.T])
     band = _in_band(mean[:, :3])
-    slope = np.gradient(band, _STEP_M, axis=0)
+    slope = sense * np.gradient(band, _STEP_M, axis=0)
     p, q, force = band.T
-    bend = np.gradient(slope[:, 0], _STEP_M)
+    bend = sense * np.gradient(slope[:, 0], _STEP_M)
     rows = np.column_stack([p, slope[:, 0], mean[:, 3] * slope[:, 0], q, slope[:, 1], bend, force])
     impulse = np.zeros(2 * round(_REACH * _LONG_M / _STEP_M) + 1)
     impulse[len(impulse) // 2] = 1.0

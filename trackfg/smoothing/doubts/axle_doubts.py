@@ -20,6 +20,7 @@ import numpy as np
 import pandas as pd
 
 from trackfg.factors.factor_type import FactorType
+from trackfg.factors.motion import mount_matrix
 from trackfg.numerics.arrays import Array
 from trackfg.results.verdict import Doubt, Quantity
 from trackfg.sensors.imu_filters.axles import Axles, axles, means, own_motion, track_sums
@@ -80,7 +81,8 @@ def axle_doubts(run: SolvedRun, geometry: pd.DataFrame) -> list[Doubt]:
     """
     if geometry.empty or run.problem.family(FactorType.PATH) is None:
         return []
-    context, speed = run.problem.run, np.linalg.norm(run.solution.states.nav.v, axis=1)
+    context, states = run.problem.run, run.solution.states
+    speed = states.nav.own_velocity @ mount_matrix(states.mount)[0, :, 0]
     # Levels of noise that residuals show hold what the model does not explain: a motion of the sensor's own.
     sums = track_sums(means(context.inertial, run.declared.run.noise, context.t, speed))
     frame, share = axles(sums), own_motion(sums)

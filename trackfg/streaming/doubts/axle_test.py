@@ -52,7 +52,7 @@ class AxleTest:
             t = smoothed["t_s"].to_numpy()
             new = means(samples, noise_seen(samples, t, *declared, at_rest), t, smoothed["speed_mps"].to_numpy())
             self.means = np.concatenate([self.means, new])
-            if np.sum(self.means[:, 0]) * STEP_S > _WAY_M or len(self.means) > _MOST:
+            if np.sum(np.abs(self.means[:, 0])) * STEP_S > _WAY_M or len(self.means) > _MOST:
                 self.sums += track_sums(self.means)
                 self.means = self.means[:0]
 
