@@ -14,7 +14,7 @@ import numpy as np
 from trackfg.numerics import geodesy
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.units import STANDARD_GRAVITY
-from trackfg.recording.model import Recording
+from trackfg.recording.model import IMU_COLUMNS, Recording
 
 _TAU_S = 0.25
 """Averages over this, s, show the white noise: a drift of the bias adds little to their differences yet."""
@@ -61,10 +61,14 @@ def static_bias(recording: Recording, standstills: Array) -> StaticBias | None:
     spans = _spans(recording, standstills)
     if not spans:
         return None
-    gyro, accel, t = recording.gyro, recording.accel, recording.imu["t_s"].to_numpy()
+    t = recording.imu["t_s"].to_numpy()
     weights = np.array([span.stop - span.start for span in spans], dtype=np.float64)
-    means = np.array([np.append(gyro[s].mean(axis=0), np.linalg.norm(accel[s].mean(axis=0))) for s in spans])
-    white = np.array([np.append(gyro[s].std(axis=0), accel[s].std(axis=0).max()) for s in spans])
+    means, white = np.empty((2, len(spans), 4))
+    for i, span in enumerate(spans):
+        samples = _samples(recording, span)
+        average, scatter = samples.mean(axis=0), samples.std(axis=0)
+        means[i] = *average[:3], np.linalg.norm(average[3:])
+        white[i] = *scatter[:3], scatter[3:].max()
     mean = np.average(means, axis=0, weights=weights)
     variance = np.average(white**2, axis=0, weights=weights) / weights.sum()
     if len(spans) > 1:
@@ -90,13 +94,13 @@ def noise_density(recording: Recording, standstills: Array) -> NoiseDensity | No
     """
     t = recording.imu["t_s"].to_numpy()
     declared = recording.description.imu.noise
-    both = np.hstack([recording.gyro, recording.accel])
     differences = []
     for span in _spans(recording, standstills):
         interval = _interval(t, span)
         size = max(1, round(_TAU_S / interval))
         count = (span.stop - span.start) // size
-        averages = both[span.start : span.start + count * size].reshape(count, size, 6).mean(axis=1)
+        samples = _samples(recording, slice(span.start, span.start + count * size))
+        averages = samples.reshape(count, size, 6).mean(axis=1)
         differences.append(np.diff(averages, axis=0) * np.sqrt(0.5 * size * interval))
     squares = np.concatenate(differences) ** 2 if differences else np.empty((0, 6))
     if squares.shape[0] < 5:
@@ -112,6 +116,11 @@ def noise_density(recording: Recording, standstills: Array) -> NoiseDensity | No
         accel_white_sd=relative * accel,
         accel_ratio=accel / declared.accel_white,
     )
+
+
+def _samples(recording: Recording, rows: slice) -> Array:
+    """Return what gyro and accelerometer measure in some rows, (k, 6)."""
+    return np.column_stack([recording.imu[name].iloc[rows] for name in IMU_COLUMNS[1:]])
 
 
 def _interval(t: Array, span: slice) -> float:
