@@ -37,6 +37,7 @@ import pandas as pd
 from scipy.linalg import solve_banded
 
 from trackfg.numerics.arrays import Array
+from trackfg.numerics.convolution import fast_length
 from trackfg.numerics.geodesy import EARTH_RATE
 from trackfg.numerics.robust import SD_PER_MAD, cauchy_fit
 from trackfg.numerics.spans import median_interval, within
@@ -176,15 +177,15 @@ def rest_bias(t: Array, gyro: Array, rests: Array, earth_rate: Array, walk: floa
 
     The horizontal part of the Earth's rate, whose direction in the body is not known yet, stays in.
     """
-    inside = [(t >= start) & (t <= end) for start, end in rests]
-    inside = [mask for mask in inside if mask.any()]
+    bounds = zip(np.searchsorted(t, rests[:, 0]), np.searchsorted(t, rests[:, 1], side="right"), strict=True)
+    inside = [slice(first, end) for first, end in bounds if end > first]
     if not inside:
         return np.zeros((t.size, 3))
     step = median_interval(t)
-    duration = step * np.array([mask.sum() for mask in inside])
-    middle = np.array([t[mask].mean() for mask in inside])
-    mean = np.stack([gyro[mask].mean(axis=0) for mask in inside]) - [0.0, 0.0, earth_rate[2]]
-    variance = np.average([gyro[mask].var(axis=0).mean() for mask in inside], weights=duration) * step
+    duration = step * np.array([rows.stop - rows.start for rows in inside])
+    middle = np.array([t[rows].mean() for rows in inside])
+    mean = np.stack([gyro[rows].mean(axis=0) for rows in inside]) - [0.0, 0.0, earth_rate[2]]
+    variance = np.average([gyro[rows].var(axis=0).mean() for rows in inside], weights=duration) * step
     ratio = variance / (walk**2 * np.diff(middle))
     band = np.zeros((3, len(middle)))
     band[1] = duration + np.append(ratio, 0.0) + np.append(0.0, ratio)
@@ -245,7 +246,8 @@ def _autocorrelation(x: Array, size: int) -> Array:
     """Return the autocorrelation of means of x (n,) over ``size`` values each, from lag 1 on; 0 where none varies."""
     means = _means(x, size)
     means -= means.mean()
-    products = np.correlate(means, means, "full")[len(means) - 1 :]
+    length = fast_length(2 * len(means))  # what wraps round falls behind
+    products = np.fft.irfft(np.abs(np.fft.rfft(means, length)) ** 2, length)[: len(means)]
     return np.asarray(products[1:] / max(products[0], np.finfo(np.float64).tiny))
 
 
