@@ -206,55 +206,76 @@ def build_problem(
     data = data or intervals(recording)
     if len(data) < 10 or data.edges[-1] - data.edges[0] < 0.5:
         raise too_short(recording, data.edges[-1] - data.edges[0])
-    world = world_of(recording)
-    wheel = read_wheel(recording, config.tach.max_gap_s)
-    if wheel is not None and steps:
-        wheel = _with_noise(at_steps(wheel), data, world.gravity, config)
-    speedless = wheel is None and recording.gnss is None and not measures_speed(recording)
-    floor = NoiseFloor.of(data)
-    rests, path, rolls, wheel = _first_pass(recording, config, world, data, floor, wheel, speedless)
-    floor = floor.with_rests(data, rests)
-    gaps = data.gaps()
-    required = _required_times(recording, gaps, rests)
-    edges = place_keyframes(data.edges, path.t, path.speed, rests, required, _spacing(recording, config))
-    t = data.edges[edges]
-    inputs = GraphInputs(
-        recording, config, world, data, floor, wheel, rests, path, rolls, edges, t, 0.5 * (t[0] + t[-1])
-    )
+    inputs = _inputs(recording, config, data, steps=steps)
+    speedless = _is_speedless(recording, inputs.wheel)
     sensors = np.zeros((len(further_sensors(recording.description)), Kind.SENSOR.dim))
     states = replace(inputs.initial_states(), sensor=sensors)
-    moving = [tilt(inputs)] if speedless else motion(inputs)
     families = [
         *priors(inputs, states),
         own_bias_walk(inputs),
         *odometer(inputs),
-        *moving,
+        *([tilt(inputs)] if speedless else motion(inputs)),
         *positions(inputs),
         *further_distances(inputs),
     ]
-    description = recording.description
-    run = RunContext(
-        t=t,
-        edges=edges,
-        inertial=data,
+    return Problem(
+        run=_run_context(inputs),
+        measured=preintegrated(inputs, states, speedless),
+        families=tuple(family for family in families if len(family)),
+        initial=states,
+        rests=inputs.rests,
+        gaps=data.gaps(),
+        wheel=inputs.wheel,
+        clock_origin=inputs.clock_origin,
+        response=inputs.response,
+        imu_grade=imu_grade(inputs.path, recording.description.imu.noise),
+    )
+
+
+def _inputs(recording: Recording, config: SmoothConfig, data: Intervals, *, steps: bool) -> GraphInputs:
+    """Return what the factors of a recording are made from: rests, a first guess of the motion, and keyframes."""
+    world = world_of(recording)
+    wheel = read_wheel(recording, config.tach.max_gap_s)
+    if wheel is not None and steps:
+        wheel = _with_noise(at_steps(wheel), data, world.gravity, config)
+    floor = NoiseFloor.of(data)
+    rests, path, rolls, wheel = _first_pass(recording, config, world, data, floor, wheel)
+    required = _required_times(recording, data.gaps(), rests)
+    edges = place_keyframes(data.edges, path.t, path.speed, rests, required, _spacing(recording, config))
+    t = data.edges[edges]
+    return GraphInputs(
+        recording=recording,
+        config=config,
         world=world,
+        data=data,
+        floor=floor.with_rests(data, rests),
+        wheel=wheel,
+        rests=rests,
+        path=path,
+        rolling=rolls,
+        edges=edges,
+        t=t,
+        clock_origin=0.5 * (t[0] + t[-1]),
+    )
+
+
+def _is_speedless(recording: Recording, wheel: Wheel | None) -> bool:
+    """Return whether nothing in a recording measures the speed."""
+    return wheel is None and recording.gnss is None and not measures_speed(recording)
+
+
+def _run_context(inputs: GraphInputs) -> RunContext:
+    description = inputs.recording.description
+    return RunContext(
+        t=inputs.t,
+        edges=inputs.edges,
+        inertial=inputs.data,
+        world=inputs.world,
         lever_arm=inputs.lever_arm,
         noise=inputs.noise,
         mount_roll_sd=np.radians(description.imu.mount_roll_sd_deg),
         direction=description.track.direction,
-        conventions=geometry_conventions(config.geometry, description.track),
-    )
-    return Problem(
-        run=run,
-        measured=preintegrated(inputs, states, speedless),
-        families=tuple(family for family in families if len(family)),
-        initial=states,
-        rests=rests,
-        gaps=gaps,
-        wheel=wheel,
-        clock_origin=inputs.clock_origin,
-        response=inputs.response,
-        imu_grade=imu_grade(path, description.imu.noise),
+        conventions=geometry_conventions(inputs.config.geometry, description.track),
     )
 
 
@@ -274,13 +295,13 @@ def _first_pass(
     data: Intervals,
     floor: NoiseFloor,
     wheel: Wheel | None,
-    speedless: bool,
 ) -> tuple[Array, InitialPath, Rolling | None, Wheel | None]:
     """Find rests and initial path, both without the slips, where the wheel rolls, and the wheel without noise in rests.
 
     Slips spoil the attitude of the initial path, and by it the speed that shows them: where there are any, once more.
     """
     wheel_rolling, guide, quantum = None, wheel, None if wheel is None else wheel.quantum
+    speedless = _is_speedless(recording, wheel)
     if wheel is None and recording.gnss is None and not speedless:
         recording = with_distance_by_speed(recording)
         guide = read_wheel(recording, config.tach.max_gap_s)
