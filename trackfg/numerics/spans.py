@@ -40,6 +40,16 @@ def nearest(grid: Array, values: Array) -> np.ndarray:
     return right - (values - grid[right - 1] < grid[right] - values)
 
 
+def distance_to_nearest(places: Array, others: Array) -> Array:
+    """Return the distance from each place (n,) to the nearest of the others (m,); infinity without any of these."""
+    if len(others) == 0:
+        return np.full(len(places), np.inf)
+    others = np.sort(others)
+    right = np.clip(np.searchsorted(others, places), 0, len(others) - 1)
+    left = np.maximum(right - 1, 0)
+    return np.asarray(np.minimum(np.abs(places - others[left]), np.abs(places - others[right])))
+
+
 def subtract(spans: Array, breaks: Array) -> Array:
     """Return spans (m, 2), ordered and disjoint, without what lies in ``breaks`` (b, 2): one may become two."""
     for begin, end in breaks:
