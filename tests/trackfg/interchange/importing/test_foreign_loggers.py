@@ -16,6 +16,7 @@ from trackfg.cli.main import app
 from trackfg.errors import BadInputError
 from trackfg.interchange.importing.conversion import Imported
 from trackfg.interchange.importing.sources.gnss_log import read_positions
+from trackfg.numerics import geodesy
 from trackfg.recording.model import Recording
 
 Import = Callable[..., Imported]
@@ -110,9 +111,50 @@ def test_a_solution_of_rtklib_lies_beside_the_tables(
     np.testing.assert_allclose(recording.others["gnss_speed"]["speed_mps"], 5.0)
 
 
+def test_a_solution_of_rtklib_in_ecef_has_the_sigmas_of_its_covariance(
+    drive: Drive, tmp_path: Path, imported: Import
+) -> None:
+    source = tmp_path / "log"
+    source.mkdir()
+    _table(drive).assign(**{"time [s]": drive.ns}).rename(columns={"time [s]": "time_ns"}).to_csv(
+        source / "imu.csv", index=False
+    )
+    place = geodesy.geodetic_to_ecef(np.stack([drive.latitude, drive.longitude, drive.height], axis=1))
+    sd_enu = np.array([0.01, 0.02, 0.05])
+    lines = [
+        "%  GPST  x-ecef(m) y-ecef(m) z-ecef(m) Q ns sdx(m) sdy(m) sdz(m) sdxy(m) sdyz(m) sdzx(m) age(s) ratio vx(m/s) "
+        "vy(m/s) vz(m/s) sdvx sdvy sdvz sdvxy sdvyz sdvzx"
+    ]
+    for i, ns in enumerate(drive.gnss_ns + _LEAP_NS):
+        to_ecef = geodesy.ecef_from_enu(drive.latitude[i], drive.longitude[i])
+        covariance = to_ecef @ np.diag(sd_enu**2) @ to_ecef.T
+        parts = covariance[[0, 1, 2, 0, 1, 2], [0, 1, 2, 1, 2, 0]]
+        roots = " ".join(f"{root:.7f}" for root in np.sign(parts) * np.sqrt(np.abs(parts)))
+        velocity = to_ecef @ [3.0, 4.0, 0.5]
+        numbers = (
+            f"{' '.join(f'{x:.4f}' for x in place[i])} 1 12 {roots} 0.00 15.3 {' '.join(map(str, velocity))} {roots}"
+        )
+        lines.append(f"{pd.Timestamp(int(ns)):%Y/%m/%d %H:%M:%S.%f} {numbers}")
+    (source / "rover.pos").write_text("\n".join(lines) + "\n")
+
+    recording = _recording(imported(source))
+
+    assert recording.gnss is not None
+    np.testing.assert_allclose(recording.gnss["t_s"], drive.gnss_t, atol=1e-6)
+    sigmas = recording.gnss[["east_sd_m", "north_sd_m", "up_sd_m"]]
+    np.testing.assert_allclose(sigmas, np.tile(sd_enu, (len(sigmas), 1)), rtol=1e-3)
+    north = np.radians(drive.latitude) * 6_371_000.0
+    np.testing.assert_allclose(np.ptp(recording.gnss["north_m"]), np.ptp(north), rtol=5e-3)
+    np.testing.assert_allclose(recording.others["gnss_speed"]["speed_mps"], 5.0)
+
+
 def test_a_solution_in_another_form_is_refused_by_name(drive: Drive, tmp_path: Path) -> None:
     path = _solution(tmp_path / "rover.pos", drive, "JST")
     with pytest.raises(BadInputError, match=r"rover\.pos: has no line '% GPST .*Hint: set out-solformat = llh"):
+        read_positions(path)
+    path = _solution(tmp_path / "rover.pos", drive)
+    path.write_text(path.read_text().replace("latitude(deg) longitude(deg) height(m)", "e-baseline(m) n-baseline(m) u"))
+    with pytest.raises(BadInputError, match=r"rover\.pos: .*expected a solution of RTKLIB in degrees or ECEF"):
         read_positions(path)
     path = _solution(tmp_path / "rover.pos", drive)
     path.write_text(path.read_text() + "2026/05/01 03:12\n")
