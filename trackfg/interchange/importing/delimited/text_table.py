@@ -15,6 +15,7 @@ from trackfg.errors import BadInputError, first_line, printable
 from trackfg.interchange.importing.delimited.cells import EMPTY_CELLS, cells
 from trackfg.interchange.importing.delimited.data_rows import is_remark, names_a_summary, summary_rows
 from trackfg.interchange.importing.delimited.dialect import Dialect, DialectOptions, NoRowsError, dialect_of
+from trackfg.interchange.importing.delimited.written_numbers import numbers_of
 from trackfg.interchange.importing.source_table import SourceTable
 from trackfg.io.table_file import ends_in_nulls
 
@@ -152,28 +153,9 @@ def _as_frame(table: pa.Table, decimal: str) -> pd.DataFrame:
     for name in table.column_names:
         column = table.column(name)
         numeric = pa.types.is_integer(column.type) or pa.types.is_floating(column.type)
-        columns[name] = (column if numeric else _ungrouped(column.cast(pa.string()), decimal)).to_pandas()
+        columns[name] = (column if numeric else numbers_of(column.cast(pa.string()), decimal)).to_pandas()
         table = table.drop_columns([name])  # no column is there twice
     return pd.DataFrame(columns, copy=False)
-
-
-def _ungrouped(column: pa.ChunkedArray, decimal: str) -> pa.ChunkedArray:
-    """Return a column as numbers where all its cells are, some with digits in groups of three: ``1.234,5``.
-
-    Their minus may be that of typesetters. Cells that are empty but for blanks, which Arrow takes for text, are none.
-    """
-    trimmed = pa.compute.utf8_trim_whitespace(column)
-    empty = pa.compute.is_in(trimmed, value_set=pa.array(EMPTY_CELLS))
-    column, trimmed = (pa.compute.if_else(empty, None, cells) for cells in (column, trimmed))
-    trimmed = pa.compute.replace_substring(trimmed, "\u2212", "-")
-    signs = "['\u2019\u00a0\u202f " + ("." if decimal == "," else ",") + "]"
-    number = rf"^[+-]?(\d{{1,3}}({signs}\d{{3}})+|\d+)([{decimal}]\d*)?([eE][+-]?\d+)?$"
-    for part in (trimmed.slice(0, 100), trimmed):
-        grouped = pa.compute.match_substring_regex(part, number)
-        if part.null_count == len(part) or not pa.compute.all(grouped).as_py():
-            return column
-    plain = pa.compute.replace_substring_regex(trimmed, signs, "")
-    return pa.compute.replace_substring(plain, decimal, ".").cast(pa.float64())
 
 
 def _codec(encoding: str) -> str:

@@ -13,6 +13,9 @@ from trackfg.interchange.importing.columns.time_columns import time_columns
 from trackfg.interchange.importing.source_table import SourceTable, column_of, holds_numbers
 
 _FEWEST_ROWS = 2
+_DATE = ("year", "month", "day", "hour", "minute", "second")
+_DATE_BOUNDS = ((1970, 2100), (1, 12), (1, 31), (0, 23), (0, 59), (0, 60))
+"""Least and greatest number of each part of a date."""
 RATE = re.compile(r"^(fs|f_?s(ample)?|sampl\w*[ _]?(rate|freq\w*)|rate|srate)([ _]?hz)?$", re.IGNORECASE)
 """Names of a number that is the sampling rate, Hz."""
 
@@ -60,8 +63,18 @@ def _by_rows(array: np.ndarray) -> np.ndarray | pd.Series | None:
 def _columns(leaf: str, array: np.ndarray | pd.Series) -> Mapping[str, np.ndarray | pd.Series]:
     if isinstance(array, pd.Series) or array.ndim == 1:
         return {leaf: array}
+    if _are_dates(array):
+        return dict(zip(_DATE, array.T, strict=True))
     axes = "xyz" if array.shape[1] == 3 else [str(i + 1) for i in range(array.shape[1])]
     return {f"{leaf} {axis}": array[:, i] for i, axis in enumerate(axes)}
+
+
+def _are_dates(array: np.ndarray) -> bool:
+    """Return whether rows (n, 6) are those that MATLAB's ``datevec`` gives: year, month, day, hour, minute, second."""
+    if array.shape[1] != len(_DATE) or not np.isfinite(array).all():
+        return False
+    whole, (low, high) = array[:, :-1], np.array(_DATE_BOUNDS).T
+    return bool((whole == np.floor(whole)).all() and (array >= low).all() and (array <= high).all())
 
 
 def _rates(arrays: Mapping[str, Any]) -> Iterator[str]:

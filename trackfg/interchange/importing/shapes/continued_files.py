@@ -35,7 +35,7 @@ def with_joined_files(tables: Sequence[SourceTable]) -> list[SourceTable]:
         else:
             frame = pd.concat([table.frame for table in ordered], ignore_index=True)
             notes = tuple(note for table in ordered for note in table.notes)
-            out.append(SourceTable(name, frame, ordered[0].units, ordered[0].first_row, notes=notes))
+            out.append(replace(ordered[0], name=name, frame=frame, notes=notes))
     return out
 
 

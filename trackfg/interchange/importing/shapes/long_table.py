@@ -6,6 +6,7 @@ Signals with the same times, as those of one message, are columns of one table, 
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pandas as pd
@@ -49,12 +50,12 @@ def wide_tables(table: SourceTable, time: str | None) -> list[SourceTable]:
         else:
             same[str(name)] = values
     return [
-        SourceTable(
-            f"{table.name}/{next(iter(columns))}",
-            pd.DataFrame({time: t, **columns}),
-            {column: str(units[column]) for column in columns if column in units}
+        replace(
+            table,
+            name=f"{table.name}/{next(iter(columns))}",
+            frame=pd.DataFrame({time: t, **columns}),
+            units={column: str(units[column]) for column in columns if column in units}
             | ({time: table.units[time]} if time in table.units else {}),
-            table.first_row,
         )
         for t, columns in made
     ]

@@ -17,10 +17,10 @@ from scipy.spatial.transform import Rotation
 from trackfg.interchange.importing.source_table import SourceTable
 
 _PART = re.compile(
-    r"(?P<stem>.*?(?:ori\w*?inc|delta_?q(?:uat\w*)?|\bd_?q))[\s_.\[(]*(?:q_?)?(?P<part>[0-3]|[wxyz])[)\]]?",
+    r"(?P<stem>.*?(?:ori\w*?inc|delta_?q(?:uat\w*)?|\bd_?q))[\s_.\[(]*(?:q_?)?(?P<part>[0-4]|[wxyz])[)\]]?",
     re.IGNORECASE,
 )
-_PARTS = ("0123", "wxyz")
+_PARTS = ("0123", "wxyz", "1234")
 _SMALL, _UNIT = 0.9, 1e-3
 """Least w of a turn from one sample to the next, half a turn in 0.9 rad, and what rounding makes of a length of 1."""
 

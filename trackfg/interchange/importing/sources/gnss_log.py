@@ -16,7 +16,7 @@ import pandas as pd
 
 from trackfg.errors import BadInputError
 from trackfg.files.libraries import library
-from trackfg.interchange.importing.shapes.tagged_lines import delimiter_of_tagged
+from trackfg.interchange.importing.delimited.tagged_lines import delimiter_of_tagged
 from trackfg.interchange.importing.source_format import DialectFor, SourceFormat, starts_with
 from trackfg.interchange.importing.source_table import SourceTable
 from trackfg.interchange.importing.sources.gpx import TRACK, read_gpx

@@ -17,7 +17,11 @@ import numpy as np
 import pandas as pd
 
 from trackfg.files.libraries import library
+from trackfg.interchange.importing.columns.column_names import meaning
 from trackfg.interchange.importing.shapes.array_tables import RATE, tables_of_arrays
+from trackfg.interchange.importing.shapes.dates_since import with_dates
+from trackfg.interchange.importing.shapes.packed_values import scale_in, scale_of_others, unit_in, unpacked
+from trackfg.interchange.importing.shapes.usual_shape import in_usual_shape_of_types
 from trackfg.interchange.importing.source_format import DialectFor, SourceFormat, readable, refuse_empty, starts_with
 from trackfg.interchange.importing.source_table import SourceTable, column_of, holds_numbers
 
@@ -25,20 +29,6 @@ Part = TypeVar("Part")
 _SIGNATURE = b"\x89HDF\r\n\x1a\n"
 _NAMES = ("columns", "column_names", "names", "labels", "channels")
 """Attributes with the names of the columns of an array (n, columns)."""
-_SINCE = re.compile(
-    r"(\w+) since (\d{4}-\d{1,2}-\d{1,2}(?:[T ][\d:.]+)?)(?: ?(?:Z|UTC|[+-]?0{1,2}:?00))?", re.IGNORECASE
-)
-"""Times of the conventions for climate and forecast (CF), which netCDF follows."""
-_NS_OF = {
-    **dict.fromkeys(("day", "days", "d"), 86_400_000_000_000),
-    **dict.fromkeys(("hour", "hours", "hr", "h"), 3_600_000_000_000),
-    **dict.fromkeys(("minute", "minutes", "min"), 60_000_000_000),
-    **dict.fromkeys(("second", "seconds", "sec", "s"), 1_000_000_000),
-    **dict.fromkeys(("millisecond", "milliseconds", "msec", "ms"), 1_000_000),
-    **dict.fromkeys(("microsecond", "microseconds", "us"), 1_000),
-    **dict.fromkeys(("nanosecond", "nanoseconds", "ns"), 1),
-}
-"""Their units, ns."""
 
 
 class RcmDx(SourceFormat):
@@ -75,7 +65,10 @@ class TableHdf5(SourceFormat):
         tables = _read(path, _pandas_tables) or _read(path, _compound_tables)
         if not tables:
             arrays, units = arrays_in(path), dict(_read(path, _units))
-            tables = [_with_dates(table) for table in tables_of_arrays(arrays, path.name, units)]
+            tables = [with_dates(table) for table in tables_of_arrays(arrays, path.name, units)]
+            notes = tuple(f"{path.name}: {note}" for note in _read(path, _scales))
+            tables = [replace(table, notes=notes if table is tables[0] else ()) for table in tables]
+        tables = in_usual_shape_of_types(tables)
         refuse_empty(tables, path, "dataset with named columns, and no arrays of numbers")
         journeys = sorted({table.name.partition("/")[0] for table in tables if table.name.startswith("journey_")})
         return [table for table in tables if not journeys or table.name.partition("/")[0] == journeys[0]]
@@ -246,27 +239,23 @@ def _names_of_block(kind: Any) -> list[str]:
 def _units(h5py: Any, file: Any) -> Iterator[tuple[str, str]]:
     """Yield the units that arrays state, by their paths."""
     for dataset in _all_of(h5py.Dataset, file):
-        attributes = {name.casefold(): value for name, value in dataset.attrs.items()}
-        unit = next((attributes[key] for key in ("units", "unit") if key in attributes), None)
-        if isinstance(unit, str | bytes):
-            yield dataset.name.lstrip("/"), _text(unit)
+        if (stated := unit_in(_attributes(dataset))) is not None:
+            yield dataset.name.lstrip("/"), stated
         for column, unit in zip(_listed(dataset, *_NAMES), _listed(dataset, "units", "unit"), strict=False):
             yield f"{dataset.name.lstrip('/')}/{column}", unit
 
 
-def _with_dates(table: SourceTable) -> SourceTable:
-    """Return a table with times since a date, ``seconds since 2026-05-01``, as ns since 1970."""
-    for name, unit in table.units.items():
-        match = _SINCE.fullmatch(unit.strip())
-        ns = None if match is None else _NS_OF.get(match[1].casefold())
-        if match is None or ns is None:
-            continue
-        zero = pd.Timestamp(match[2]).value
-        values = table.frame[name].to_numpy()
-        since = values * ns if values.dtype.kind in "iu" else np.round(values * float(ns))
-        units = {other: stated for other, stated in table.units.items() if other != name}
-        return replace(table, frame=table.frame.assign(**{name: zero + since.astype(np.int64)}), units=units)
-    return table
+def _scales(h5py: Any, file: Any) -> Iterator[str]:
+    """Yield a note for each attribute of a scale: the arrays to which it is applied, or is not."""
+    applied, left = dict[str, list[str]](), dict[str, list[str]]()
+    for dataset in _all_of(h5py.Dataset, file):
+        for find, arrays in ((scale_in, applied), (scale_of_others, left)):
+            if (name := find(_attributes(dataset), dataset.dtype)) is not None:
+                arrays.setdefault(name, []).append(dataset.name.lstrip("/"))
+    for name, paths in applied.items():
+        yield f"counts are multiplied by their attribute {name} ({', '.join(paths)})"
+    for name, paths in left.items():
+        yield f"an attribute {name} is not applied to what are no whole numbers ({', '.join(paths)})"
 
 
 def arrays_in(path: Path) -> dict[str, np.ndarray]:
@@ -283,7 +272,7 @@ def _arrays(h5py: Any, file: Any) -> Iterator[tuple[str, np.ndarray]]:
         if is_text:
             yield name, dataset[()]
         elif dataset.dtype.kind in "iufb":
-            values, columns = _unpacked(dataset), _listed(dataset, *_NAMES)
+            values, columns = unpacked(dataset[()], _attributes(dataset)), _listed(dataset, *_NAMES)
             if values.ndim == 2 and len(columns) == values.shape[1]:
                 yield from ((f"{name}/{column}", values[:, i]) for i, column in enumerate(columns))
             else:
@@ -294,16 +283,14 @@ def _arrays(h5py: Any, file: Any) -> Iterator[tuple[str, np.ndarray]]:
                 yield f"{item.name}/{name}".strip("/"), np.asarray(value)
 
 
-def _unpacked(dataset: Any) -> np.ndarray:
-    """Return the values of an array, unpacked and NaN where they are missing, as the CF conventions pack them."""
-    values, attributes = dataset[()], dataset.attrs
-    factor, offset = (attributes.get(name) for name in ("scale_factor", "add_offset"))
-    missing = [np.ravel(attributes[name])[0] for name in ("_FillValue", "missing_value") if name in attributes]
-    is_missing = np.isin(values, missing)
-    if factor is None and offset is None and not is_missing.any():
-        return np.asarray(values)
-    unpacked = values * float(np.ravel(1.0 if factor is None else factor)[0])
-    return np.where(is_missing, np.nan, unpacked + float(np.ravel(0.0 if offset is None else offset)[0]))
+def _attributes(dataset: Any) -> dict[str, Any]:
+    """Return the attributes of an array by their names in lower case, with those of its group behind them.
+
+    Times are in a unit of their own.
+    """
+    group = dataset.parent
+    shared = {} if group.name == "/" or meaning(dataset.name.rpartition("/")[2]) == "time" else group.attrs
+    return {name.casefold(): value for attributes in (shared, dataset.attrs) for name, value in attributes.items()}
 
 
 def _listed(dataset: Any, *names: str) -> list[str]:

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from trackfg.files.libraries import library
+from trackfg.interchange.importing.shapes.usual_shape import in_usual_shape_of_types
 from trackfg.interchange.importing.source_format import DialectFor, SourceFormat, readable, refuse_empty, starts_with
 from trackfg.interchange.importing.source_table import SourceTable
 from trackfg.interchange.importing.sources.messages import MessageTables, cells_of, measured_ns
@@ -41,4 +42,4 @@ class McapJson(SourceFormat):
                 if channel.message_encoding == "json":
                     content = json.loads(message.data)
                     topics.take(channel.topic, measured_ns(content, message.log_time), cells_of(content))
-        return refuse_empty(list(topics.tables()), path, "messages in JSON with numbers")
+        return refuse_empty(in_usual_shape_of_types(list(topics.tables())), path, "messages in JSON with numbers")

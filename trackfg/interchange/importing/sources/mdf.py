@@ -18,6 +18,7 @@ import pandas as pd
 
 from trackfg.errors import BadInputError, first_line
 from trackfg.files.libraries import library
+from trackfg.interchange.importing.shapes.usual_shape import in_usual_shape_of_types
 from trackfg.interchange.importing.source_format import DialectFor, SourceFormat, refuse_empty, starts_with
 from trackfg.interchange.importing.source_table import SourceTable, column_of, holds_numbers
 from trackfg.interchange.importing.times.clock import as_ns
@@ -46,12 +47,18 @@ class Mdf(SourceFormat):
         with _without_messages_at_deletion():
             try:
                 with asammdf.MDF(path) as file:
-                    tables = [table for table in _joined([*_groups(file)]) if holds_numbers(table.frame.iloc[:, 1:])]
+                    tables = [table for table in _joined([*_groups(file)]) if len(table.columns) > 1]
             except Exception as error:  # the library raises errors of many kinds for damaged files
                 reason = first_line(error)
         if reason:
             raise BadInputError(f"{path.name}: cannot be read ({reason}); expected an ASAM MDF file")
+        tables = [table for table in in_usual_shape_of_types(tables) if _holds_channels(table)]
         return refuse_empty(tables, path, "channel group with rows of numbers")
+
+
+def _holds_channels(table: SourceTable) -> bool:
+    """Return whether a table has numbers besides its times."""
+    return holds_numbers(table.frame.drop(columns="time_s", errors="ignore"))
 
 
 @contextmanager

@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 
 from trackfg.interchange.importing.proposal import GNSS_SD_M
-from trackfg.interchange.importing.source_table import SourceTable, holds_numbers
+from trackfg.interchange.importing.source_table import SourceTable
 
 STAMP = "stamp_ns"
 """The column of times, ns since 1970."""
@@ -40,7 +40,7 @@ class MessageTables:
         self._rows.setdefault(topic, []).append(tuple(cells.get(name) for name in names))
 
     def tables(self) -> Iterator[SourceTable]:
-        """Yield the tables of topics with numbers."""
+        """Yield the tables of topics with numbers or changing texts."""
         for topic, names in self._names.items():
             cells = zip(*self._rows[topic], strict=True)
             columns = {name: _column(values) for name, values in zip(names, cells, strict=True)}
@@ -50,7 +50,7 @@ class MessageTables:
                 for name, values in columns.items()
                 if isinstance(values, np.ndarray) or (values != values.iloc[0]).any()
             }
-            if holds_numbers(columns):
+            if columns:
                 frame = pd.DataFrame(columns)
                 if tuple(columns) in _BARE:
                     frame.columns = pd.Index([topic.rpartition("/")[2]])

@@ -13,6 +13,7 @@ import numpy as np
 from trackfg.errors import BadInputError
 from trackfg.files.libraries import library
 from trackfg.interchange.importing.columns.receiver_state import UNKNOWN_HEIGHT_SD_M
+from trackfg.interchange.importing.shapes.usual_shape import in_usual_shape_of_types
 from trackfg.interchange.importing.source_format import DialectFor, SourceFormat, readable, refuse_empty, starts_with
 from trackfg.interchange.importing.source_table import SourceTable
 from trackfg.interchange.importing.sources.mcap_json import MCAP
@@ -98,9 +99,8 @@ class RosBag(SourceFormat):
                     frame = getattr(getattr(message, "header", None), "frame_id", "")
                     if _RECEIVER.search(f"{connection.topic} {frame}"):
                         receivers.add(connection.topic)
-        return refuse_empty(
-            [_usable(table, table.name in receivers) for table in topics.tables()], path, "messages with numbers"
-        )
+        tables = in_usual_shape_of_types([_usable(table, table.name in receivers) for table in topics.tables()])
+        return refuse_empty(tables, path, "messages with numbers")
 
     def mapping(self, tables: Sequence[SourceTable]) -> dict[str, Any]:
         """Take the topic with the most messages of each kind; ROS has x forward, y left, z up (REP 103).

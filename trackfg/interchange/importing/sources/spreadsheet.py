@@ -20,8 +20,6 @@ from trackfg.interchange.importing.source_table import SourceTable
 SPREADSHEETS = (".xlsx", ".xls")
 _HEAD_ROWS = 200
 """Rows of a sheet among which its first row of values is looked for."""
-_DECIMAL_COMMA, _NO_GROUP = r"\s*[+-]?\d+(,\d+)?\s*", r",(?!\d{3}\s*$)"
-"""A number as text with a decimal comma, and one in which the comma is none between digits in groups."""
 
 
 def read_spreadsheet(path: Path) -> list[SourceTable]:
@@ -68,7 +66,8 @@ def _table(rows: list[list[Any]], name: str) -> SourceTable | None:
     names, units = header_of(head, first, width, None)
     body = [row[:width] for row in rows[first:] if any(cell is not None for cell in row)]
     frame = pd.DataFrame({name: _column([row[j] for row in body]) for j, name in enumerate(names)})
-    return SourceTable(name, frame, units, first + 1)
+    remarks = "\n".join("\t".join(cell for cell in row if cell) for row in head[:first])
+    return SourceTable(name, frame, units, first + 1, remarks=remarks)
 
 
 def _column(cells: list[Any]) -> pd.Series:
@@ -77,10 +76,7 @@ def _column(cells: list[Any]) -> pd.Series:
         return pd.Series([float("nan") if cell is None else cell for cell in cells])
     if filled and all(isinstance(cell, dt.datetime) and cell.time() == dt.time() for cell in filled):
         cells = [None if cell is None else cell.date() for cell in cells]  # a date beside a time of day
-    texts = pd.Series([None if cell is None else _as_text(cell) for cell in cells], dtype="string")
-    if filled and texts.str.fullmatch(_DECIMAL_COMMA).fillna(value=True).all() and texts.str.contains(_NO_GROUP).any():
-        return pd.to_numeric(texts.str.replace(",", ".", regex=False)).astype("float64")
-    return texts
+    return pd.Series([None if cell is None else _as_text(cell) for cell in cells], dtype="string")
 
 
 def _as_text(cell: Any) -> str:

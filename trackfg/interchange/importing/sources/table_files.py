@@ -13,25 +13,12 @@ from pathlib import Path
 from typing import Any
 
 from trackfg.errors import BadInputError, first_line
-from trackfg.interchange.importing.columns.calendar_columns import with_whole_dates
-from trackfg.interchange.importing.columns.time_columns import time_columns
 from trackfg.interchange.importing.delimited.dialect import NoRowsError
-from trackfg.interchange.importing.delimited.header import in_brackets
+from trackfg.interchange.importing.delimited.pair_lines import has_pairs, read_pairs
+from trackfg.interchange.importing.delimited.tagged_lines import delimiter_of_tagged, has_sentences, read_tagged
 from trackfg.interchange.importing.delimited.text_table import read_text
-from trackfg.interchange.importing.shapes.channel_tables import by_sensor, with_joined_channels
-from trackfg.interchange.importing.shapes.continued_files import with_joined_files, without_rowless_parts
-from trackfg.interchange.importing.shapes.earth_fixed_positions import with_geodetic
-from trackfg.interchange.importing.shapes.long_table import wide_tables
-from trackfg.interchange.importing.shapes.merged_names import without_merge_suffixes
-from trackfg.interchange.importing.shapes.missing_values import without_stand_ins
-from trackfg.interchange.importing.shapes.pair_lines import has_pairs, read_pairs
-from trackfg.interchange.importing.shapes.rotation_increments import with_angles
-from trackfg.interchange.importing.shapes.side_by_side import parted
-from trackfg.interchange.importing.shapes.tagged_lines import delimiter_of_tagged, has_sentences, read_tagged
-from trackfg.interchange.importing.shapes.united_cells import without_units_in_cells
-from trackfg.interchange.importing.shapes.vector_cells import with_vectors
-from trackfg.interchange.importing.shapes.written_angles import with_degrees
-from trackfg.interchange.importing.shapes.written_points import with_points
+from trackfg.interchange.importing.shapes.continued_files import without_rowless_parts
+from trackfg.interchange.importing.shapes.usual_shape import in_usual_shape, of_typed_columns
 from trackfg.interchange.importing.source_format import DialectFor
 from trackfg.interchange.importing.source_table import SourceTable
 from trackfg.interchange.importing.sources.columnar import (
@@ -62,17 +49,6 @@ _READERS: dict[tuple[str, ...], Callable[[Path], list[SourceTable]]] = {
     JSON_SUFFIXES: read_records,
     SQLITE_SUFFIXES: read_sqlite,
 }
-_RESHAPED: tuple[Callable[[SourceTable], SourceTable], ...] = (
-    without_merge_suffixes,
-    with_vectors,
-    with_angles,
-    with_points,
-    with_degrees,
-    with_geodetic,
-    without_units_in_cells,
-    with_whole_dates,
-)
-"""What makes columns of other notations the usual ones, in this order."""
 TABLE_SUFFIXES = (*TEXT_SUFFIXES, *(suffix for suffixes in _READERS for suffix in suffixes))
 """Files that hold tables by themselves."""
 
@@ -108,8 +84,7 @@ def read_table_files(
     tables, alone = without_rowless_parts(tables, list(rowless))
     if alone:
         raise rowless[alone[0]]
-    made = [part for table in tables for block in parted(table) for part in _by_channel(block)]
-    return with_joined_files(with_joined_channels(made))
+    return in_usual_shape(tables)
 
 
 def _renamed(table: str, file: Path, name: str) -> str:
@@ -121,13 +96,13 @@ def _renamed(table: str, file: Path, name: str) -> str:
 def _read(file: Path, suffix: str, dialect_for: DialectFor) -> list[SourceTable]:
     reader = next((read for suffixes, read in _READERS.items() if suffix in suffixes), None)
     if reader is not None:
-        return [_with_units(table) for table in reader(file)]
+        return [of_typed_columns(table) for table in reader(file)]
     if suffix in GNSS_LOGS:
         return [read_positions(file)]
     if (unread := unread_format(file)) is not None:
         raise BadInputError(unread)
     if holds_records(file):
-        return [_with_units(table) for table in read_records(file)]
+        return [of_typed_columns(table) for table in read_records(file)]
     options = dialect_for(file.name)
     receiver = _among_lines(file) if has_sentences(file) else []
     delimiter = None if options is not None else delimiter_of_tagged(file)
@@ -144,25 +119,6 @@ def _among_lines(file: Path) -> list[SourceTable]:
         return [read_gnss_log(file)]
     except BadInputError:
         return []
-
-
-def _with_units(table: SourceTable) -> SourceTable:
-    """Return a table with the units that its names have in brackets."""
-    named = {name: in_brackets(name) for name in table.columns}
-    units = {plain: unit for plain, unit in named.values() if unit} | dict(table.units)
-    plain = [name for name, _ in named.values()]
-    if len(set(plain)) < len(plain):
-        return table
-    return replace(table, frame=table.frame.set_axis(plain, axis=1), units=units)
-
-
-def _by_channel(table: SourceTable) -> list[SourceTable]:
-    for reshaped in _RESHAPED:
-        table = reshaped(table)
-    time = time_columns(table)
-    wide = wide_tables(table, time[0] if time is not None and len(time) == 1 else None)
-    parts = by_sensor(table) if wide[0] is table else wide
-    return [without_stand_ins(part) for part in parts]
 
 
 def _decompressed(file: Path, scratch: Path) -> Path:

@@ -11,8 +11,9 @@ import numpy as np
 import pandas as pd
 
 from trackfg.files.libraries import library
+from trackfg.interchange.importing.shapes.usual_shape import in_usual_shape_of_types
 from trackfg.interchange.importing.source_format import DialectFor, SourceFormat, readable, refuse_empty, starts_with
-from trackfg.interchange.importing.source_table import SourceTable, column_of, holds_numbers
+from trackfg.interchange.importing.source_table import SourceTable, column_of
 
 
 class Tdms(SourceFormat):
@@ -33,7 +34,7 @@ class Tdms(SourceFormat):
         with readable(path, "a TDMS file"), nptdms.TdmsFile.open(path) as file:
             for group in file.groups():
                 tables += _group(group)
-        return refuse_empty(tables, path, "group with rows of numbers")
+        return refuse_empty(in_usual_shape_of_types(tables), path, "group with rows of numbers")
 
 
 def _group(group: Any) -> list[SourceTable]:
@@ -49,7 +50,6 @@ def _group(group: Any) -> list[SourceTable]:
         units[channel.name] = str(channel.properties.get("unit_string", ""))
         if len(values) not in times and "wf_increment" in channel.properties:
             times[len(values)] = _times(channel)
-    by_length = {rows: columns for rows, columns in by_length.items() if holds_numbers(columns)}
     tables = []
     for rows, columns in by_length.items():
         name = group.name if len(by_length) == 1 else f"{group.name}/{rows} rows"
