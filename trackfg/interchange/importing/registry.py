@@ -12,6 +12,7 @@ from trackfg.interchange.importing.sources.gnss_log import GnssLog
 from trackfg.interchange.importing.sources.hdf5 import RcmDx, TableHdf5
 from trackfg.interchange.importing.sources.mcap_json import McapJson
 from trackfg.interchange.importing.sources.mdf import Mdf
+from trackfg.interchange.importing.sources.netcdf import ClassicNetCdf
 from trackfg.interchange.importing.sources.phones import Phyphox, SensorLogger
 from trackfg.interchange.importing.sources.rosbag import RosBag
 from trackfg.interchange.importing.sources.table_files import TEXT_SUFFIXES
@@ -31,6 +32,7 @@ _OWN: tuple[type[SourceFormat], ...] = (
     RosBag,
     RcmDx,
     TableHdf5,
+    ClassicNetCdf,
     Mdf,
     Tdms,
     GnssLog,

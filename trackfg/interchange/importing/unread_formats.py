@@ -60,8 +60,8 @@ _BY_CONTENT: tuple[tuple[re.Pattern[bytes], str, str], ...] = (
         "python-can and cantools decode it to CSV, or asammdf to MDF",
     ),
     (
-        re.compile(rb"CDF[\x01\x02\x05]"),
-        "a file of classic netCDF",
+        re.compile(rb"CDF\x05"),
+        "a file of netCDF with 64 bit data (CDF-5)",
         "nccopy -k netCDF-4 OLD.nc NEW.nc (netcdf-bin) writes one that is read",
     ),
     (

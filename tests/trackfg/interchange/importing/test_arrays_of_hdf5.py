@@ -10,8 +10,12 @@ from typing import Any
 import numpy as np
 import pytest
 from interchange.foreign_forms import Drive
+from scipy.io import netcdf_file
 
+from trackfg.errors import BadInputError
 from trackfg.interchange.importing.conversion import Imported
+from trackfg.interchange.importing.registry import source_format
+from trackfg.interchange.importing.shapes.packed_values import scale_in
 from trackfg.recording.model import Recording
 
 Import = Callable[..., Imported]
@@ -92,3 +96,93 @@ def test_tables_of_pandas_have_their_names(
         write(file, "imu", drive, inertial)
         write(file, "wheel", drive, {"wheel_speed_mps": drive.speed})
     _is_of(imported(tmp_path / "run.h5"), drive)
+
+
+@pytest.mark.parametrize(
+    ("scale", "offset", "unit"),
+    [("scale", "offset", "unit"), ("scale_factor", "add_offset", "units"), ("gain", "offset", "Unit")],
+)
+def test_counts_are_multiplied_by_what_attributes_say_of_one(
+    scale: str, offset: str, unit: str, drive: Drive, tmp_path: Path, imported: Import
+) -> None:
+    with h5py.File(tmp_path / "run.h5", "w") as file:
+        file.create_dataset("time", data=drive.t).attrs[unit] = "s"
+        for names, values, count, stated in ((GYRO, drive.gyro, 1e-6, "rad/s"), (ACCEL, drive.accel, 5e-4, "m/s^2")):
+            for name, column in zip(names, values.T, strict=True):
+                dataset = file.create_dataset(name, data=np.round((column - 0.01) / count).astype(np.int32))
+                dataset.attrs[scale], dataset.attrs[offset], dataset.attrs[unit] = count, 0.01, stated
+    recording = imported(tmp_path / "run.h5").loaded.recording
+    assert recording is not None
+    np.testing.assert_allclose(recording.gyro, drive.gyro, atol=1e-6)
+    np.testing.assert_allclose(recording.accel, drive.accel, atol=5e-4)
+
+
+def test_a_scale_may_be_of_a_group_and_be_written_with_its_unit(drive: Drive, tmp_path: Path, imported: Import) -> None:
+    with h5py.File(tmp_path / "run.h5", "w") as file:
+        file.create_dataset("time", data=drive.t).attrs["units"] = "s"
+        for name, values, count, unit in (("gyro", drive.gyro, 1e-6, "rad/s"), ("acc", drive.accel, 5e-4, "m/s^2")):
+            group = file.create_group(name)
+            group.attrs["scale"] = f"{count:g} {unit}"
+            for axis, column in zip("xyz", values.T, strict=True):
+                group[axis] = np.round(column / count).astype(np.int32)
+    recording = imported(tmp_path / "run.h5").loaded.recording
+    assert recording is not None
+    assert recording.description.imu.gyro_unit == "rad/s"
+    np.testing.assert_allclose(recording.gyro, drive.gyro, atol=1e-6)
+    np.testing.assert_allclose(recording.accel, drive.accel, atol=5e-4)
+
+
+def test_a_scale_beside_values_is_not_applied_and_named(drive: Drive, tmp_path: Path, imported: Import) -> None:
+    with h5py.File(tmp_path / "run.h5", "w") as file:
+        file["time_s"] = drive.t
+        for name, column in zip((*GYRO, *ACCEL), np.hstack([drive.gyro, drive.accel]).T, strict=True):
+            file.create_dataset(name, data=column).attrs["scale"] = 0.25
+    recording = imported(tmp_path / "run.h5").loaded.recording
+    assert recording is not None
+    np.testing.assert_allclose(recording.accel, drive.accel, atol=1e-12)
+    tables = source_format(tmp_path / "run.h5").tables(tmp_path / "run.h5", lambda _: None)
+    assert "attribute scale is not applied" in tables[0].notes[0]
+
+
+def test_the_gain_of_an_amplifier_is_no_scale() -> None:
+    assert scale_in({"gain": 10.0}, np.dtype(np.int16)) is None
+    assert scale_in({"gain": 0.25}, np.dtype(np.int16)) == "gain"
+    assert scale_in({"scale": 0.25}, np.dtype(np.float64)) is None
+
+
+@pytest.mark.parametrize("packed", [False, True])
+def test_classic_netcdf_has_units_dates_and_packed_values(
+    packed: bool, drive: Drive, tmp_path: Path, imported: Import
+) -> None:
+    columns = {
+        **{name: (values, "rad/s") for name, values in zip(GYRO, drive.gyro.T, strict=True)},
+        **{name: (values, "m s-2") for name, values in zip(ACCEL, drive.accel.T, strict=True)},
+        "wheel_speed": (drive.speed * 3.6, "km/h"),
+    }
+    with netcdf_file(tmp_path / "run.nc", "w", version=2 if packed else 1) as file:
+        file.createDimension("time", None if packed else drive.t.size)
+        times = file.createVariable("time", "d", ("time",))
+        times[:], times.units = drive.t, "seconds since 2026-05-01 03:12:00"
+        for name, (values, unit) in columns.items():
+            variable = file.createVariable(name, "i" if packed else "d", ("time",))
+            variable.units = unit
+            if packed:
+                variable.scale_factor, variable.add_offset = np.float64(1e-8), np.float64(5.0)
+                variable[:] = np.round((values - 5.0) / 1e-8)
+            else:
+                variable[:] = values
+    recording = imported(tmp_path / "run.nc").loaded.recording
+    assert recording is not None
+    assert recording.description.start == datetime(2026, 5, 1, 3, 12, tzinfo=UTC)
+    np.testing.assert_allclose(recording.gyro, drive.gyro, atol=1e-8)
+    np.testing.assert_allclose(recording.accel, drive.accel, atol=1e-8)
+    assert recording.tach is not None
+    rolled = np.ptp(recording.tach["distance_m"])
+    assert rolled == pytest.approx(np.trapezoid(drive.speed, drive.t), rel=1e-3)
+
+
+def test_netcdf_that_is_cut_off_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "run.nc").write_bytes(b"CDF\x01" + bytes(200))
+    form = source_format(tmp_path / "run.nc")
+    with pytest.raises(BadInputError, match=r"run\.nc: .*expected"):
+        form.tables(tmp_path / "run.nc", lambda _: None)

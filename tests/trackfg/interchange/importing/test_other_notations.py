@@ -380,7 +380,7 @@ def test_waveforms_of_tdms_without_an_offset(drive: Drive, tmp_path: Path, impor
 @pytest.mark.parametrize(
     ("name", "content", "says"),
     [
-        ("run.nc", b"CDF\x01" + bytes(200), "classic netCDF.*nccopy"),
+        ("run.nc", b"CDF\x05" + bytes(200), "CDF-5.*nccopy"),
         ("imu.txt", b"header:\n  stamp:\n    sec: 1\n---\n", "messages of ROS.*ros2 bag record"),
     ],
 )

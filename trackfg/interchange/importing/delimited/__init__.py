@@ -11,7 +11,6 @@ module               content
 ``header``           names and units of the columns
 ``written_numbers``  numbers that are written as text
 ``tagged_lines``     text whose lines begin with what they are
-``pair_lines``       text in whose lines each value stands after its name
 ``text_table``       a file as a table
 ===================  =============================================================================================
 """

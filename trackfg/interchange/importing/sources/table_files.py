@@ -14,10 +14,10 @@ from typing import Any
 
 from trackfg.errors import BadInputError, first_line
 from trackfg.interchange.importing.delimited.dialect import NoRowsError
-from trackfg.interchange.importing.delimited.pair_lines import has_pairs, read_pairs
 from trackfg.interchange.importing.delimited.tagged_lines import delimiter_of_tagged, has_sentences, read_tagged
 from trackfg.interchange.importing.delimited.text_table import read_text
 from trackfg.interchange.importing.shapes.continued_files import without_rowless_parts
+from trackfg.interchange.importing.shapes.pair_lines import has_pairs, read_pairs
 from trackfg.interchange.importing.shapes.usual_shape import in_usual_shape, of_typed_columns
 from trackfg.interchange.importing.source_format import DialectFor
 from trackfg.interchange.importing.source_table import SourceTable
