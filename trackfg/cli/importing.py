@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from rich.text import TextType
 
     from trackfg.interchange.importing.conversion import Conversion, Imported
+    from trackfg.interchange.importing.geometry_reading import GeometryReading
     from trackfg.interchange.importing.proposals.questions import Ask, Proposal, Question
     from trackfg.interchange.importing.source_format import SourceFormat
     from trackfg.interchange.importing.source_table import SourceTable
@@ -76,7 +77,7 @@ def import_recording(
         form, tables = source_tables(source, from_format, plan)
         measured = geometry_in(tables, plan, source.stem)
     if measured is not None:
-        _report_geometry(measured_result(*measured), out)
+        _report_geometry(measured_result(*measured), out, _notes_of_geometry(*measured[:2]))
     elif plan is None:
         proposal, made = _proposed(source, out, form, tables, _assume)
         _note_reasons(proposal)
@@ -122,7 +123,7 @@ def init(
         form, tables = source_tables(source, from_format, None)
         measured = geometry_in(tables, None, source.stem)
     if measured is not None:
-        _report_geometry(measured_result(*measured), out)
+        _report_geometry(measured_result(*measured), out, _notes_of_geometry(*measured[:2]))
         write_whole(target, geometry_mapping_text(measured[1]).encode("utf-8"))
         print_unless_quiet(f"mapping: {target}")
         return
@@ -163,9 +164,7 @@ def _proposed(
             mapping = mapping_of(proposal.sections, "proposed mapping")
             conversion = converted(tables, mapping, run_id=source.stem)
             notes = _notes_of(tables, conversion)
-            for name, columns in unused_columns(proposal.sections, tables).items():
-                more = f" and {len(columns) - _MOST_NAMED} more" if len(columns) > _MOST_NAMED else ""
-                notes.append(f"not used of {name}: {', '.join(columns[:_MOST_NAMED])}{more}")
+            notes += [_not_used(*unused) for unused in unused_columns(proposal.sections, tables).items()]
             tables.clear()  # as above
             made = conversion.write(out)
         except BadInputError:
@@ -270,11 +269,25 @@ def _ask(question: Question) -> str:
         raise BadInputError(f"{question.key}: no answer to: {question.text}. Hint: {hint}") from None
 
 
-def _report_geometry(result: Result, out: Path) -> None:
+def _notes_of_geometry(table: SourceTable, reading: GeometryReading) -> list[str]:
+    """Return what reading a channel table has assumed, and the columns that are not used."""
+    from trackfg.interchange.importing.channels.proposed_reading import unused_channels
+
+    unused = unused_channels(table, reading)
+    return [*table.notes, *([_not_used(table.name, unused)] if unused else [])]
+
+
+def _not_used(table: str, columns: list[str]) -> str:
+    more = f" and {len(columns) - _MOST_NAMED} more" if len(columns) > _MOST_NAMED else ""
+    return f"not used of {table}: {', '.join(columns[:_MOST_NAMED])}{more}"
+
+
+def _report_geometry(result: Result, out: Path, notes: Iterable[str]) -> None:
     """Write the result of a channel table, and print what it holds and what was assumed of it."""
     from trackfg.cli import tables
 
     result.write(out)
+    _note(notes)
     print_unless_quiet(tables.findings(result.summary.findings, "No fault in the table itself."))
     chainage = result.geometry["chainage_m"]
     print_unless_quiet(f"geometry: {len(chainage)} rows from {chainage.iloc[0]:.2f} m to {chainage.iloc[-1]:.2f} m")

@@ -191,6 +191,57 @@ def test_what_names_mean() -> None:
         assert (None if channel is None else channel.column) == column, name
 
 
+HEADERS = [
+    "Location [km],LL_L,LL_R,AL_L,AL_R,CL,G",
+    "km,LH li,LH re,Ri li,Ri re,Üh,SpW",
+    "PK,NL G,NL D,D G,D D,Dévers,Ecart.",
+    "PK (km),Nivellement longitudinal file gauche,Nivellement longitudinal file droite,Dressage file gauche,"
+    "Dressage file droite,Dévers,Écartement",
+    "Progressiva [km],Livello longitudinale sx,Livello longitudinale dx,Allineamento sx,Allineamento dx,"
+    "Sopraelevazione,Scartamento",
+    "PK,Nivelación longitudinal izquierda,Nivelación longitudinal derecha,Alineación izquierda,Alineación derecha,"
+    "Peralte,Ancho de vía",
+    "Kilometer,Hoogteligging links,Hoogteligging rechts,Schift links,Schift rechts,Verkanting,Spoorwijdte",
+    "Km,Höjdläge vänster,Höjdläge höger,Sidoläge vänster,Sidoläge höger,Rälsförhöjning,Spårvidd",
+    "km,Výška levá,Výška pravá,Směr levý,Směr pravý,Převýšení,Rozchod koleje",
+    "km,Nierówność pionowa lewa,Nierówność pionowa prawa,Nierówność pozioma lewa,Nierówność pozioma prawa,"
+    "Przechyłka,Szerokość toru",
+]
+"""Level, alignment, cross-level and gauge in the words and abbreviations of recording cars."""
+
+
+@pytest.mark.parametrize("header", HEADERS)
+def test_names_in_several_languages(header: str, tmp_path: Path, waves: dict[str, np.ndarray]) -> None:
+    columns = [X / 1000.0, *(waves[name] for name in list(waves)[:5]), 1435.0 + waves["gauge"]]
+    place, *channels = header.split(",")
+    names = [place, *(f"{channel} [mm]" for channel in channels)]
+    path = written(tmp_path / "car.csv", pd.DataFrame(dict(zip(names, columns, strict=True))))
+    geometry = measured(path).geometry
+    for name, values in waves.items():
+        expected = values + (1435.0 if name == "gauge" else 0.0)
+        np.testing.assert_allclose(geometry[f"{name}_mm"], expected, atol=1e-6)
+
+
+@pytest.mark.parametrize("name", ["LPROF62 (in)", "Left Align 31", "RALIGN_62", "Surface 124 ft (in)"])
+def test_an_offset_from_a_chord_is_neither_level_nor_alignment(name: str) -> None:
+    assert channel_of(name) is None
+
+
+def test_a_letter_is_a_channel_beside_a_level_alone() -> None:
+    assert channel_of("G", "mm") is None
+    channel = channel_of("G", "mm", beside_level=True)
+    assert channel is not None
+    assert channel.column == "gauge_mm"
+
+
+def test_columns_that_are_no_channels_are_named(tmp_path: Path, waves: dict[str, np.ndarray]) -> None:
+    table = kilometres(X).assign(left=waves["level_left"], right=waves["level_right"], riding_index=1.0)
+    path = written(tmp_path / "car.csv", table)
+    run = CliRunner().invoke(app, ["import", str(path), "-o", str(tmp_path / "out")])
+    assert run.exit_code == 0, run.output
+    assert "not used of car.csv: riding_index" in run.output
+
+
 def test_our_own_channel_file_comes_back(tmp_path: Path, waves: dict[str, np.ndarray]) -> None:
     table = pd.DataFrame({"chainage_m": X} | {f"{name}_mm": values for name, values in waves.items()})
     first = measured(written(tmp_path / "run.csv", table))

@@ -1,7 +1,9 @@
 """What the channels of a recording car mean, from their names and units.
 
-Understood are the columns of trackfg itself, and names in English, German, French, Finnish and Chinese: the quantity,
-the rail, the band (``D1``) and the unit in brackets. A channel that is a statistic of another one
+Understood are the columns of trackfg itself, and names in English, German, French, Italian, Spanish, Portuguese, Dutch,
+Swedish, Norwegian, Danish, Finnish, Czech, Slovak, Polish, Hungarian and Chinese: the quantity, the rail, the band
+(``D1``) and the unit in brackets; and abbreviations of EN 13848 (``LL``, ``AL``, ``CL``, ``TW3``), of German (``LH``,
+``Ri``, ``Üh``, ``SpW``, ``Vw``) and of French (``NL G``, ``D D``, ``G3``). A channel that is a statistic of another one
 (``standard deviation``) or a difference from the design is none of the track's geometry.
 """
 
@@ -17,23 +19,50 @@ from trackfg.numerics.units import KMH, MPH
 
 _STATISTIC = r"keskihajonta|standard.?dev|\bstd\b|\brms\b|\bsd\b|muutos|change|limit|class|grade|event|flag|标准差"
 _SIGMA = r"\bsigma\b|uncertainty"
+_CHORD = r"(prof|align|surf|run)\w* ?(31|62|124)( ?ft)?\b"
+"""An offset from a chord of so many feet, as of the FRA (49 CFR 213.55 and 213.63): neither level nor alignment."""
 _DEVIATION = r"deviation|poikkeama|poikkema|abweichung|偏差"
-_LEFT = r"\bleft|\blinks|\blinke|(?<=\w )gauche|vasen|左|_l\b|\bl\b|\bg$"
-_RIGHT = r"\bright|\brecht|droite?\b|oikea|右|_r\b|\br\b|\bd$"
+_LEFT = (
+    r"\bleft|\blinks|\blinke|\bli\b|(?<=\w )gauche|vasen|左|_l\b|\bl\b|\bg$|\bsx\b|sinistr|\bizq|\besq|vänster|venstre|"
+    r"\blev[áýéoaiy]|\blew[ay]|\bbal\b"
+)
+_RIGHT = (
+    r"\bright|\brecht|\bre\b|droite?\b|oikea|右|_r\b|\br\b|\bd$|\bdx\b|destr|\bder(ech)?|\bdireit|höger|høyre|højre|"
+    r"\bprav[áýéoaiy]|\bpraw[ay]|\bjobb\b"
+)
+_SIDE = r" ?(l|r|li|re|left|right|links|rechts)?( d[0-3])?$"
+"""What may stand behind an abbreviation."""
 _BAND = re.compile(r"\bd([0-3])\b", re.IGNORECASE)
 
 _QUANTITIES = {
-    "cross_level": r"cross.?level|\bcant\b|super.?elevation|kallistu|(ü|ue)berh(ö|oe)hung|d[eé]vers|水平|超高",
-    "twist": r"twist|\bwarp\b|^gauche\b|kierou|kierous|verwindung|三角坑|扭曲",
-    "gauge": r"gau?ge|[eé]cartement|raidelevey|spurweite|轨距",
+    "cross_level": (
+        r"(cross|\bx).?level|\bcant\b|super.?eleva|sopraeleva|kallistu|(ü|ue)berh(ö|oe)hung|d[eé]vers|水平|超高|peralte|verkanting|"
+        r"rälsförhöjning|overhø[yj]de|p[rř]evý[sš]en|przechyłk|túlemelés|^cl$|^(ü|ue)h$"
+    ),
+    "twist": (
+        r"twist|\bwarp\b|^gauche\b|kierou|kierous|verwindung|三角坑|扭曲|sghembo|alabeo|\bempeno|scheluwte|skevning|"
+        r"vindsk[jæ]|zborcen|wichrowato|síktorzulás|^(tw|vw) ?\d*( ?m)?$"
+    ),
+    "gauge": (
+        r"gau?ge|[eé]cartement|^[eé]cart\.?$|raidelevey|spurweite|轨距|scartamento|\bancho\b|bitola|spoorwijdte|sp[åo]rvidde?|"
+        r"rozchod|szeroko[sś][cć]|nyomtáv|^spw$"
+    ),
     "curvature": r"curvature|courbure|kaarevuu|kr(ü|ue)mmung|曲率",
     "gradient": r"gradient|neigung|坡度",
     "speed": r"speed|vitesse|nopeu|geschw|速度",
     "versine": r"versine|nuolikorkeu|pfeilh(ö|oe)he|正矢|mid.?chord",
-    "alignment": r"align|dressage|\blateral|richtung|轨向",
-    "level": r"level|nivellement|longitudinal|\bprofile|\bsurface\b|\bvertical|korkeu|l(ä|ae)ngsh(ö|oe)he|高低|高程",
+    "alignment": (
+        rf"align|dressage|\blateral|richtung|轨向|allineament|alineaci|alinhament|\bschift\b|sidoläge|\bsm[eě]r\b|"
+        rf"nierówno\w* poziom|^(al|ri){_SIDE}"
+    ),
+    "level": (
+        rf"level|nivellement|longitudinal|\bprofile|\bsurface\b|\bvertical|korkeu|l(ä|ae)ngsh(ö|oe)he|高低|高程|hoogteligging|"
+        rf"höjdläge|\bvýška\b|nierówno\w* pionow|^(ll|lh){_SIDE}|^nl ?[gd]?( d[0-3])?$"
+    ),
 }
 """In the order in which they are tried: ``cross-level`` before ``level``."""
+_LETTERS = {"twist": r"^g ?3$", "gauge": r"^g$", "alignment": r"^d ?[gd]$"}
+"""Letters that are channels beside a longitudinal level alone: gauge, and in French ``D G`` (dressage) and ``G3``."""
 
 _LENGTHS = {"": 1.0, "mm": 1.0, "毫米": 1.0, "cm": 10.0, "m": 1000.0, "in": 25.4, "inch": 25.4}
 """Millimetres in a unit of length; what states none is in millimetres."""
@@ -57,19 +86,25 @@ class Channel:
     deviation: bool = False
 
 
-def channel_of(name: str, unit: str = "") -> Channel | None:
-    """Return what a channel is by its name and unit; None where it is none of the geometry's."""
+def channel_of(name: str, unit: str = "", *, beside_level: bool = False) -> Channel | None:
+    """Return what a channel is by its name and unit; None where it is none of the geometry's.
+
+    ``beside_level``: the table has a longitudinal level, so that letters alone are channels, too.
+    """
     if name in KNOWN_COLUMNS:
         return Channel(name, 1.0)
     if name.casefold().endswith("_sd"):
         of = channel_of(name[:-3], unit)
         return None if of is None or f"{of.column}_sd" not in KNOWN_COLUMNS else Channel(f"{of.column}_sd", of.factor)
-    folded = name.casefold().replace("_", " ").strip()
-    if re.search(_STATISTIC, folded):
+    folded = re.sub(r"\s*[\[(][^\[\]()]*[\])]$", "", name.casefold().replace("_", " ").strip())
+    folded = re.sub(r"^(ll|lh|al|ri|nl)(?=[lrgd]$)", r"\1 ", folded)
+    if re.search(_STATISTIC, folded) or re.search(_CHORD, folded):
         return None
     sigma = "_sd" if re.search(_SIGMA, folded) else ""
     side = _side(folded)
     quantity = next((key for key, pattern in _QUANTITIES.items() if re.search(pattern, folded)), None)
+    if quantity is None and beside_level:
+        quantity = next((key for key, pattern in _LETTERS.items() if re.search(pattern, folded)), None)
     if quantity is None and folded in ("left", "right", "l", "r", "左", "右"):
         quantity = "level"
     if quantity is None:

@@ -15,7 +15,8 @@ if TYPE_CHECKING:
     from trackfg.numerics.chainage.km_notation import Bare
 
 _PLACE = re.compile(
-    r"location|position|sijainti|station|chainage|kilomet|mileage|\bpost|mile.?post|^[mp][kp]$|\bkm\b|里程|公里|"
+    r"location|position|sijainti|station|chainage|kilomet|chilomet|progressiva|mileage|\bpost|mile.?post|"
+    r"^[mp][kp]([\s_]?[\[(].*)?$|\bkm\b|里程|公里|"
     r"(line|track).?offset",
     re.IGNORECASE,
 )
@@ -43,12 +44,20 @@ def _place(table: SourceTable) -> tuple[PlaceColumns | None, Bare]:
 def _channels(table: SourceTable, place: PlaceColumns) -> dict[str, ChannelReading]:
     """Return the channels by the geometry's column: of two of one column the one that is no deviation, or the first."""
     channels: dict[str, ChannelReading] = {}
-    for name in table.columns:
-        if name in (place if isinstance(place, tuple) else (place,)):
-            continue
-        channel = channel_of(name, table.units.get(name, ""))
+    names = [name for name in table.columns if name not in (place if isinstance(place, tuple) else (place,))]
+    plain = (channel_of(name, table.units.get(name, "")) for name in names)
+    has_level = any(channel is not None and channel.column.startswith("level") for channel in plain)
+    for name in names:
+        channel = channel_of(name, table.units.get(name, ""), beside_level=has_level)
         if channel is None or channel.column == "chainage_m":
             continue
         if channel.column not in channels or (channels[channel.column].deviation and not channel.deviation):
             channels[channel.column] = ChannelReading(name=name, factor=channel.factor, deviation=channel.deviation)
     return channels
+
+
+def unused_channels(table: SourceTable, reading: GeometryReading) -> list[str]:
+    """Return the columns with values that are neither places nor channels of a reading."""
+    places = (reading.place,) if isinstance(reading.place, str) else reading.place
+    used = {*places, *(channel.name for channel in reading.channels.values())}
+    return [name for name in table.columns if name not in used and table.frame[name].notna().any()]
