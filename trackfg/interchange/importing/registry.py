@@ -8,12 +8,12 @@ from trackfg.errors import BadInputError
 from trackfg.files.owned_folder import kind_of
 from trackfg.interchange.format_names import by_name, registered
 from trackfg.interchange.importing.source_format import SourceFormat
-from trackfg.interchange.importing.sources.gnss_log import GnssLog
 from trackfg.interchange.importing.sources.hdf5 import RcmDx, TableHdf5
 from trackfg.interchange.importing.sources.mcap_json import McapJson
 from trackfg.interchange.importing.sources.mdf import Mdf
 from trackfg.interchange.importing.sources.netcdf import ClassicNetCdf
 from trackfg.interchange.importing.sources.phones import Phyphox, SensorLogger
+from trackfg.interchange.importing.sources.receivers.gnss_log import GnssLog
 from trackfg.interchange.importing.sources.rosbag import RosBag
 from trackfg.interchange.importing.sources.table_files import TEXT_SUFFIXES
 from trackfg.interchange.importing.sources.tdms import Tdms

@@ -67,7 +67,7 @@ _BY_CONTENT: tuple[tuple[re.Pattern[bytes], str, str], ...] = (
     (
         re.compile(rb"header:\s*\n\s+(seq|stamp):"),
         "a text of messages of ROS, of ros2 topic echo",
-        "record a bag, ros2 bag record TOPIC ..., and import that",
+        "record a bag, ros2 bag record TOPIC ..., and import that; or echo Imu and NavSatFix with --csv",
     ),
     (re.compile(rb"SQLite format 3\x00"), "a SQLite database", "give it the suffix .db or .sqlite"),
     (re.compile(rb"PAR1"), "a Parquet file", "give it the suffix .parquet"),

@@ -15,7 +15,7 @@ import trackfg
 from trackfg.cli.main import app
 from trackfg.errors import BadInputError
 from trackfg.interchange.importing.conversion import Imported
-from trackfg.interchange.importing.sources.gnss_log import read_positions
+from trackfg.interchange.importing.sources.receivers.gnss_log import read_positions
 from trackfg.numerics import geodesy
 from trackfg.recording.model import Recording
 

@@ -115,7 +115,7 @@ def test_a_damaged_zip_of_lzma_is_refused(tmp_path, imported):
 def test_ubx_and_nmea_positions_come_back(tmp_path):
     import pyubx2
 
-    from trackfg.interchange.importing.sources.gnss_log import read_gnss_log
+    from trackfg.interchange.importing.sources.receivers.gnss_log import read_gnss_log
 
     message = pyubx2.UBXMessage(
         "NAV", "NAV-PVT", pyubx2.GET,
@@ -140,7 +140,7 @@ def test_ubx_and_nmea_positions_come_back(tmp_path):
 
 
 def test_the_quality_of_a_gga_sentence_is_that_of_its_position(tmp_path):
-    from trackfg.interchange.importing.sources.gnss_log import read_gnss_log
+    from trackfg.interchange.importing.sources.receivers.gnss_log import read_gnss_log
 
     nmea = tmp_path / "log.nmea"
     nmea.write_text(
@@ -157,7 +157,7 @@ def test_the_quality_of_a_gga_sentence_is_that_of_its_position(tmp_path):
 
 
 def test_the_mode_of_an_rmc_sentence_is_that_of_its_position(tmp_path):
-    from trackfg.interchange.importing.sources.gnss_log import read_gnss_log
+    from trackfg.interchange.importing.sources.receivers.gnss_log import read_gnss_log
 
     nmea = tmp_path / "log.nmea"
     nmea.write_text(
@@ -175,7 +175,7 @@ def test_the_mode_of_an_rmc_sentence_is_that_of_its_position(tmp_path):
 
 @pytest.mark.parametrize("beginning", ["", "$GNGGA"])
 def test_a_receiver_log_that_ends_in_zeros_is_given_up(beginning, tmp_path):
-    from trackfg.interchange.importing.sources.gnss_log import read_gnss_log
+    from trackfg.interchange.importing.sources.receivers.gnss_log import read_gnss_log
 
     path = tmp_path / "log.nmea"
     path.write_text(_sentence("GNZDA,031200.00,01,05,2026,00,00") + beginning)

@@ -13,8 +13,8 @@ from interchange.foreign_forms import Drive, write_phyphox, write_sensor_logger
 from trackfg.datasets.scenarios import Simulation
 from trackfg.errors import BadInputError
 from trackfg.interchange.importing.conversion import Imported
-from trackfg.interchange.importing.sources.gnss_log import read_gnss_log
 from trackfg.interchange.importing.sources.phones import Phyphox
+from trackfg.interchange.importing.sources.receivers.gnss_log import read_gnss_log
 from trackfg.numerics.units import KMH, KNOT
 from trackfg.recording.model import Recording
 

@@ -55,10 +55,10 @@ class MessageTables:
                 if tuple(columns) in _BARE:
                     frame.columns = pd.Index([topic.rpartition("/")[2]])
                 frame.insert(0, STAMP, np.array(self._stamps[topic], dtype=np.int64))
-                yield _with_sigmas(SourceTable(topic, frame))
+                yield with_sigmas(SourceTable(topic, frame))
 
 
-def _with_sigmas(table: SourceTable) -> SourceTable:
+def with_sigmas(table: SourceTable) -> SourceTable:
     """Return a table whose positions of unknown covariance have the usual sigmas of a receiver, with a note of it."""
     if not set(SIGMAS) <= set(table.columns):
         return table

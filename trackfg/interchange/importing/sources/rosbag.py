@@ -27,10 +27,10 @@ from trackfg.interchange.importing.sources.messages import (
     sigmas_of,
 )
 
-_IMU_COLUMNS = ("gyro_x", "gyro_y", "gyro_z", "accel_x", "accel_y", "accel_z")
-_FIX_COLUMNS = ("latitude", "longitude", "altitude", *SIGMAS)
+IMU_COLUMNS = ("gyro_x", "gyro_y", "gyro_z", "accel_x", "accel_y", "accel_z")
+FIX_COLUMNS = ("latitude", "longitude", "altitude", *SIGMAS)
 _TWIST_COLUMNS = ("speed_mps", "across_mps")
-_NO_FIX, _UNKNOWN = -1, 0
+NO_FIX, UNKNOWN = -1, 0
 """Of ``NavSatFix``: the status without a position, and the type of a covariance that says nothing. A driver that sets
 no status leaves -2 (ROS 2 Jazzy)."""
 _ACROSS = 0.1
@@ -43,14 +43,14 @@ _MOST_NUMBERS = 100
 
 def _imu(message: Any) -> dict[str, float]:
     w, f = message.angular_velocity, message.linear_acceleration
-    return dict(zip(_IMU_COLUMNS, (w.x, w.y, w.z, f.x, f.y, f.z), strict=True))
+    return dict(zip(IMU_COLUMNS, (w.x, w.y, w.z, f.x, f.y, f.z), strict=True))
 
 
 def _fix(message: Any) -> dict[str, float]:
-    known = message.position_covariance_type != _UNKNOWN
+    known = message.position_covariance_type != UNKNOWN
     sd = sigmas_of(message.position_covariance if known else ())
-    place = (message.latitude, message.longitude) if message.status.status != _NO_FIX else (np.nan, np.nan)
-    return dict(zip(_FIX_COLUMNS, (*place, message.altitude, *sd), strict=True))
+    place = (message.latitude, message.longitude) if message.status.status != NO_FIX else (np.nan, np.nan)
+    return dict(zip(FIX_COLUMNS, (*place, message.altitude, *sd), strict=True))
 
 
 def _twist(message: Any) -> dict[str, float]:
@@ -107,23 +107,23 @@ class RosBag(SourceFormat):
 
         Where gravity contradicts that, the data and their owner say how the sensor lies.
         """
-        imu, fix, speed = (_longest(tables, columns) for columns in (_IMU_COLUMNS, _FIX_COLUMNS, _TWIST_COLUMNS[:1]))
+        imu, fix, speed = (_longest(tables, columns) for columns in (IMU_COLUMNS, FIX_COLUMNS, _TWIST_COLUMNS[:1]))
         time = {"time": STAMP, "time_unit": "ns"}
         sections: dict[str, Any] = {}
         if imu is not None:
             sections["imu"] = {
                 "file": imu.name,
                 **time,
-                "gyro": list(_IMU_COLUMNS[:3]),
+                "gyro": list(IMU_COLUMNS[:3]),
                 "gyro_unit": "rad/s",
-                "accel": list(_IMU_COLUMNS[3:]),
+                "accel": list(IMU_COLUMNS[3:]),
                 "accel_unit": "m/s^2",
             }
-            force = np.array([np.nanmedian(imu.numbers(name)) for name in _IMU_COLUMNS[3:]])
+            force = np.array([np.nanmedian(imu.numbers(name)) for name in IMU_COLUMNS[3:]])
             if force[2] >= np.abs(force).max():  # else it lies in its frame as no frame of REP 103 does
                 sections["imu"]["axes"] = "FLU"
         if fix is not None:
-            position: list[Any] = list(_FIX_COLUMNS[:3])
+            position: list[Any] = list(FIX_COLUMNS[:3])
             sd: list[Any] = list(SIGMAS)
             if not np.isfinite(fix.numbers("altitude")).all():
                 position[2], sd[2] = 0.0, UNKNOWN_HEIGHT_SD_M

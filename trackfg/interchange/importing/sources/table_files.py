@@ -29,10 +29,11 @@ from trackfg.interchange.importing.sources.columnar import (
     read_arrow,
     read_sqlite,
 )
-from trackfg.interchange.importing.sources.gnss_log import read_gnss_log, read_positions
-from trackfg.interchange.importing.sources.gpx import TRACK
+from trackfg.interchange.importing.sources.receivers.gnss_log import read_gnss_log, read_positions
+from trackfg.interchange.importing.sources.receivers.gpx import TRACK
+from trackfg.interchange.importing.sources.receivers.rtklib import SOLUTION
 from trackfg.interchange.importing.sources.records import JSON_SUFFIXES, holds_records, read_records
-from trackfg.interchange.importing.sources.rtklib import SOLUTION
+from trackfg.interchange.importing.sources.ros_echo import with_columns_of_ros
 from trackfg.interchange.importing.sources.spreadsheet import SPREADSHEETS, read_spreadsheet
 from trackfg.interchange.importing.unread_formats import unread_format
 
@@ -110,7 +111,7 @@ def _read(file: Path, suffix: str, dialect_for: DialectFor) -> list[SourceTable]
         return [*read_tagged(file, delimiter), *receiver]
     if options is None and has_pairs(file):
         return [read_pairs(file), *receiver]
-    return [read_text(file, options), *receiver]
+    return [with_columns_of_ros(read_text(file, options)), *receiver]
 
 
 def _among_lines(file: Path) -> list[SourceTable]:

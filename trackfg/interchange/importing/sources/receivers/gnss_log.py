@@ -19,9 +19,9 @@ from trackfg.files.libraries import library
 from trackfg.interchange.importing.delimited.tagged_lines import delimiter_of_tagged
 from trackfg.interchange.importing.source_format import DialectFor, SourceFormat, starts_with
 from trackfg.interchange.importing.source_table import SourceTable
-from trackfg.interchange.importing.sources.gpx import TRACK, read_gpx
-from trackfg.interchange.importing.sources.nmea import NmeaEpochs
-from trackfg.interchange.importing.sources.rtklib import SOLUTION, read_rtklib
+from trackfg.interchange.importing.sources.receivers.gpx import TRACK, read_gpx
+from trackfg.interchange.importing.sources.receivers.nmea import NmeaEpochs
+from trackfg.interchange.importing.sources.receivers.rtklib import SOLUTION, read_rtklib
 from trackfg.interchange.importing.times.clock import as_ns
 
 _WITHOUT_MESSAGE_BYTES = 1_048_576
