@@ -69,6 +69,14 @@ release: $(READY)
 	$(BIN)/python -m pip install --quiet --editable ".[release]"
 	$(BIN)/python tools/release.py
 
+# In Python that runs beside it a folder named trackfg, as a clone is, takes the place of a package that is installed
+# editable, unless that is on the path.
+define ON_PATH
+import os, pathlib, sysconfig
+pathlib.Path(sysconfig.get_path("purelib"), "trackfg_checkout.pth").write_text(os.getcwd() + os.linesep)
+endef
+export ON_PATH
+
 # pip compiles what it installs, but nothing editable: where the environment has Python write no bytecode, every command
 # would compile it anew.
 $(READY): pyproject.toml setup.py $(wildcard kernels/*)
@@ -78,6 +86,7 @@ $(READY): pyproject.toml setup.py $(wildcard kernels/*)
 	$(BIN)/python -m pip install --upgrade pip
 	$(BIN)/python -m pip install --editable ".[dev]"
 	$(BIN)/python -m compileall -q trackfg factors datasets tools
+	$(BIN)/python -c "$$ON_PATH"
 	touch $@
 
 clean:

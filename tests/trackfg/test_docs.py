@@ -10,6 +10,7 @@ from typing import Any
 
 import pytest
 
+import trackfg
 from trackfg.config import SmoothConfig
 from trackfg.fleet.catalogue import Run
 from trackfg.fleet.key_figures import failed_row
@@ -101,6 +102,8 @@ def test_the_recording_from_tables_is_smoothed_and_usable(tmp_path: Path, monkey
         exec(compile(block, "recording.md", "exec"), names)
     assert names["result"].summary.converged
     assert names["report"].usable
+    parts = [trackfg.read_recording(name) for name in ("part1", "part2")]
+    assert sum(len(part.imu) for part in parts) == len(names["whole"].imu) + 1  # the row at 30 s is in both
 
 
 def test_the_worked_example_of_adding_a_sensor_runs() -> None:

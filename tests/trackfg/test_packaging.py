@@ -185,3 +185,15 @@ def test_public_names_are_imported_when_first_used() -> None:
 def test_unknown_names_are_attribute_errors() -> None:
     with pytest.raises(AttributeError, match="no attribute 'smoothe'"):
         trackfg.smoothe  # noqa: B018
+
+
+@pytest.mark.skipif(
+    not Path(sysconfig.get_path("purelib"), "trackfg_checkout.pth").exists(),
+    reason="`make` did not make the environment",
+)
+def test_a_clone_beside_python_does_not_hide_the_package(tmp_path: Path) -> None:
+    (tmp_path / "trackfg" / "trackfg").mkdir(parents=True)
+    (tmp_path / "trackfg" / "trackfg" / "__init__.py").touch()
+    code = "import trackfg, trackfg.factors, trackfg.datasets; trackfg.smooth"
+    done = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr

@@ -176,7 +176,7 @@ def gaps(t: Array, place: ColumnPlace, warning_s: float, error_s: float | None) 
     count = int(np.count_nonzero(steps > limit))
     more = f"; {count} gaps above {limit:.3g} s" if count > 1 else ""
     message, expected = f"no rows for {gap:.4g} s before this one{more}", f"at most {limit:.3g} s"
-    hint = "recover the missing rows, or cut the recording in two here" if is_error else None
+    hint = "recover the missing rows, or cut the recording in two here (docs/recording.md)" if is_error else None
     if is_error and abs(gap - _HOUR_S) < max(1.0, 3.0 * interval):
         hint = f"{hint}. A gap of an hour is where local times go over to summer time: import them with their time_zone"
     level: Level = "error" if is_error else "warning"

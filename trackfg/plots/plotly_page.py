@@ -13,9 +13,11 @@ from trackfg.numerics.arrays import Array
 from trackfg.numerics.spans import true_runs
 from trackfg.plots.sheet import AMBER, BAND, GREY, RED, SPAN_NAME, Panel, Sheet, SheetCurve, limit_labels
 
-_LEGEND = {"orientation": "h", "xanchor": "left"}
+_LEGEND = {"orientation": "h", "xanchor": "left", "bgcolor": "rgba(0,0,0,0)"}
 _MAP_SHARE, _GAP = 0.43, 0.07
 _STRIP_PX, _MARGIN_PX, _LABELS_PX = 62, 160, 138
+_BESIDE_MAP_PX = 165
+"""Height of a panel beside a map, px: room for its turned label and, above it, its legend."""
 _LEAST_PX = 480
 """Height of a figure of few panels, px."""
 
@@ -42,7 +44,7 @@ def notebook_figure(sheet: Sheet) -> go.Figure:
 
 def _height_px(sheet: Sheet) -> float:
     shares = sum(panel.share for panel in sheet.panels)
-    return max(_STRIP_PX * shares + _MARGIN_PX, _LEAST_PX)
+    return max((_BESIDE_MAP_PX if sheet.paths else _STRIP_PX) * shares + _MARGIN_PX, _LEAST_PX)
 
 
 def _figure(sheet: Sheet) -> go.Figure:

@@ -117,3 +117,11 @@ def test_without_a_path_there_is_a_figure_for_a_notebook(plot: Callable[..., Any
     assert "<div" in figure.to_html(full_html=False, include_plotlyjs=False)
     assert len(figure.data) > 3
     assert figure.layout.height >= 480
+
+
+def test_a_notebook_s_figure_has_room_for_labels_and_legends(result: Result) -> None:
+    layout = trackfg.plot_trajectory(result).layout
+    inner = layout.height - layout.margin.t - layout.margin.b
+    for axis in (layout.yaxis, layout.yaxis2, layout.yaxis3):
+        assert inner * (axis.domain[1] - axis.domain[0]) > 8 * len(axis.title.text)  # at most 8 px a letter
+    assert layout.legend2.bgcolor == "rgba(0,0,0,0)"  # it hides no curve of the panel above

@@ -418,6 +418,16 @@ def test_other_formats_need_no_place(without_place, tmp_path, name):
     assert _exported(without_place, name, tmp_path).stat().st_size > 500
 
 
+@pytest.mark.parametrize("name", ["csv", "channels", "landxml"])
+def test_a_table_of_the_geometry_needs_one(result, tmp_path, name):
+    """An empty file would look like one of a run without faults."""
+    without = replace(result, geometry=result.geometry.iloc[:0])
+    with pytest.raises(BadInputError, match=rf"no track geometry; expected it for {name}.* Hint: "):
+        _exported(without, name, tmp_path)
+    assert list(tmp_path.iterdir()) == []
+    assert len(pd.read_csv(_exported(without, "csv", tmp_path, table="trajectory"))) == len(result.trajectory)
+
+
 def test_a_file_that_cannot_be_written_is_named(result, tmp_path):
     (tmp_path / "file").touch()
     with pytest.raises(OutputError, match="file"):

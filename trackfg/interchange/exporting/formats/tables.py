@@ -35,7 +35,9 @@ class Csv(ResultFormat):
         return f"{result_name}{table}{self.suffix}"
 
     def write(self, result: Result, path: Path, options: ExportOptions) -> None:
-        """Write the table that the options name."""
+        """Write the table that the options name. Raises where it is the geometry and there is none."""
+        if options.table == "geometry":
+            result.geometry_for("csv (--table trajectory needs none)")
         _write_csv(table_of(result, options.table, km=options.km, bands=options.bands), path)
 
 
@@ -91,7 +93,8 @@ class Channels(ResultFormat):
     title = "channels in the style of EN 13848, by a template"
 
     def write(self, result: Result, path: Path, options: ExportOptions) -> None:
-        """Write the channels of the template, or of the built-in one."""
+        """Write the channels of the template, or of the built-in one. Raises where there is no geometry."""
+        result.geometry_for("channels")
         channels = options.channels or read_template(None)
         bands = options.bands or any(channel.column in BAND_COLUMNS for channel in channels)
         _write_csv(channel_table(table_of(result, "geometry", km=options.km, bands=bands), channels), path)
