@@ -19,7 +19,7 @@ constexpr double FARTHEST = 1e100;
 constexpr double NEAR_MEAN = 0.15;  // In standard deviations: medians of 256 normal values scatter by half of it.
 constexpr std::uint8_t NOWHERE[CHANNELS] = {};
 
-// In the order of _LIMITS in imu_noise.py, which says what they are.
+// In the order of NOISE_LIMITS in trackfg.sensors.imu_noise.sample_blocks, which says what they are.
 struct Limits {
     double scatter, euler, same, longer, extremes, fine_steps, near_extreme, shock_spread, pause_s, shock_s, shock_limit;
 };

@@ -51,7 +51,7 @@ from trackfg.numerics.spans import nearest, within
 from trackfg.recording.model import Recording, refuse_other_than_recording
 from trackfg.sensors.dead_reckoning import InitialPath, initial_path
 from trackfg.sensors.imu_intervals import Intervals, intervals
-from trackfg.sensors.imu_noise import NoiseFloor
+from trackfg.sensors.imu_noise.noise_floor import NoiseFloor
 from trackfg.sensors.speed_noise import speed_noise
 from trackfg.sensors.standstills import find_standstills
 from trackfg.sensors.tach import Wheel, read_wheel

@@ -24,7 +24,7 @@ from trackfg.numerics.arrays import Array
 from trackfg.numerics.robust import SD_PER_MAD, cauchy_fit
 from trackfg.sensors.dead_reckoning import InitialPath
 from trackfg.sensors.imu_intervals import Intervals, means_around
-from trackfg.sensors.imu_noise import NoiseFloor
+from trackfg.sensors.imu_noise.noise_floor import NoiseFloor
 from trackfg.sensors.tach import Wheel
 
 _ACCELERATION_SD = 0.02

@@ -258,7 +258,7 @@ def _receiver_prior_sd(part: Part, config: SmoothConfig) -> tuple[float, float]:
 
 
 def _antenna_prior_sd(part: Part, config: SmoothConfig) -> tuple[float, float]:
-    """How much further ahead and to the left it is, m."""
+    """Return the sigma of how much further ahead and to the left it is, m."""
     assert isinstance(part, UnplacedAntenna)
     return part.sd_m
 

@@ -21,7 +21,9 @@ from trackfg.recording.description import RecordingDescription
 from trackfg.recording.model import Recording
 from trackfg.sensors.dead_reckoning import InitialPath
 from trackfg.sensors.imu_intervals import Intervals, means_around
-from trackfg.sensors.imu_noise import NoiseFloor, WhiteNoise, vibration_power
+from trackfg.sensors.imu_noise.noise_floor import NoiseFloor
+from trackfg.sensors.imu_noise.vibration_power import vibration_power
+from trackfg.sensors.imu_noise.white_noise import WhiteNoise
 from trackfg.sensors.tach import Wheel
 
 _BLOCK = 256

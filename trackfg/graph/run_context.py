@@ -17,7 +17,7 @@ from trackfg.numerics.key_figures import Outlined
 from trackfg.recording.description import Track
 from trackfg.results.summary import GeometryConventions
 from trackfg.sensors.imu_intervals import Intervals
-from trackfg.sensors.imu_noise import WhiteNoise
+from trackfg.sensors.imu_noise.white_noise import WhiteNoise
 
 
 @dataclass(frozen=True, repr=False)

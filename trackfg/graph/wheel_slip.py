@@ -33,7 +33,7 @@ from trackfg.numerics.arrays import Array
 from trackfg.numerics.spans import within
 from trackfg.sensors.dead_reckoning import InitialPath
 from trackfg.sensors.imu_intervals import Intervals
-from trackfg.sensors.imu_noise import NoiseFloor
+from trackfg.sensors.imu_noise.noise_floor import NoiseFloor
 from trackfg.sensors.tach import Wheel
 
 _STEP_S = 0.5

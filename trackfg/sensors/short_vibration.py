@@ -21,7 +21,7 @@ from trackfg.numerics.arrays import Array
 from trackfg.numerics.robust import robust_sd
 from trackfg.numerics.spans import median_interval
 from trackfg.sensors.imu_intervals import Intervals
-from trackfg.sensors.imu_noise import EULER
+from trackfg.sensors.imu_noise.sample_blocks import EULER
 
 SHORTEST_WAVE_M = 0.7
 """Below this wavelength a track has corrugation and joints, and hardly any roll: what a sensor shows there is taken for

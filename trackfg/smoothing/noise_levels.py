@@ -17,7 +17,7 @@ well, and an accelerometer's, which makes gradients wrong, hardly. Both are of o
 above 1, it is what is expected of the other.
 
 No level is below 1, and what was raised comes down again once something else explains the residuals. Inertial sensors
-that are better than declared show it at rest (:class:`~trackfg.sensors.imu_noise.RestNoise`), and levels are relative
+that are better than declared show it at rest (:mod:`trackfg.sensors.imu_noise.noise_at_rest`), and levels are relative
 to that. Residuals of one run show too little of it, those of wheels too: the sum of their small errors, which is what
 matters, is hardly seen in them.
 """
@@ -37,7 +37,7 @@ from trackfg.graph.build import Problem
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.chi_square import exceeds_chance
 from trackfg.recording.findings import Finding
-from trackfg.sensors.imu_noise import WhiteNoise
+from trackfg.sensors.imu_noise.white_noise import WhiteNoise
 from trackfg.sensors.tach import Wheel
 from trackfg.smoothing.reassessment import Reassessment, SolvedRun
 from trackfg.solver.variance_components import GROUPS, Residuals, walk_residuals

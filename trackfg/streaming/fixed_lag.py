@@ -36,7 +36,7 @@ from trackfg.output.trajectory import trajectory_columns
 from trackfg.recording.description import RecordingDescription
 from trackfg.results.columns import GEOMETRY_COLUMNS, TRAJECTORY_COLUMNS
 from trackfg.results.events import Event
-from trackfg.sensors.imu_noise import WhiteNoise
+from trackfg.sensors.imu_noise.white_noise import WhiteNoise
 from trackfg.smoothing.localisation import MapChainage
 from trackfg.streaming.checkpoint.snapshot import Snapshot, dump, load_attributes
 from trackfg.streaming.doubts.reporting import DoubtReports

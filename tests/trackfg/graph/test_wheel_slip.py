@@ -21,7 +21,7 @@ from trackfg.numerics.units import STANDARD_GRAVITY
 from trackfg.recording.model import Recording
 from trackfg.sensors.dead_reckoning import initial_path
 from trackfg.sensors.imu_intervals import intervals
-from trackfg.sensors.imu_noise import NoiseFloor
+from trackfg.sensors.imu_noise.noise_floor import NoiseFloor
 from trackfg.sensors.standstills import find_standstills
 from trackfg.sensors.tach import Wheel, read_wheel
 

@@ -18,7 +18,7 @@ from trackfg.numerics.rotations import so3_log
 from trackfg.output.dense_motion import DenseMotion, dense_motion
 from trackfg.recording.description import Track
 from trackfg.sensors.imu_intervals import Intervals
-from trackfg.sensors.imu_noise import WhiteNoise
+from trackfg.sensors.imu_noise.white_noise import WhiteNoise
 from trackfg.smoothing.smoother import SmoothedStates, smooth_states
 
 STEP_S = 0.02

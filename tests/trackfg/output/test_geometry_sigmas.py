@@ -20,7 +20,7 @@ from trackfg.recording.description import Laser
 from trackfg.results.summary import GeometryConventions
 from trackfg.sensors.displacement import Channel, RailView, Side
 from trackfg.sensors.imu_intervals import Intervals
-from trackfg.sensors.imu_noise import WhiteNoise
+from trackfg.sensors.imu_noise.white_noise import WhiteNoise
 from trackfg.solver.covariance import Covariance
 from trackfg.solver.square_root import SquareRoot
 

@@ -13,7 +13,7 @@ from trackfg.factors.motion import TRACKING_POINT
 from trackfg.factors.states import KEYFRAME_DIM, SHARED_DIM, Kind, Nav, Odo, States, offset_in_keyframe
 from trackfg.numerics.rotations import matrix_from_rpy
 from trackfg.output.profile_samples import AngleErrors, PlaceErrors, PointErrors, Points, PosteriorErrors, Shifts
-from trackfg.sensors.imu_noise import WhiteNoise
+from trackfg.sensors.imu_noise.white_noise import WhiteNoise
 
 COUNT = 4000
 KEYFRAMES, INTERVAL_S = 4, 2.0

@@ -34,7 +34,7 @@ from trackfg.output.trajectory import (
     keyframe_variances,
     trajectory_table,
 )
-from trackfg.sensors.imu_noise import WhiteNoise
+from trackfg.sensors.imu_noise.white_noise import WhiteNoise
 from trackfg.solver.covariance import Covariance
 
 N = 7

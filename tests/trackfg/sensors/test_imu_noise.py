@@ -10,7 +10,9 @@ import numpy as np
 import pytest
 
 from trackfg.sensors.imu_intervals import Intervals
-from trackfg.sensors.imu_noise import NoiseAtRest, NoiseFloor, WhiteNoise, noise_seen
+from trackfg.sensors.imu_noise.noise_at_rest import NoiseAtRest
+from trackfg.sensors.imu_noise.noise_floor import NoiseFloor, noise_seen
+from trackfg.sensors.imu_noise.white_noise import WhiteNoise
 
 RATE_HZ = 100.0
 GYRO, ACCEL = 1e-4, 1e-3

@@ -14,7 +14,7 @@ from trackfg.io.formats.imu import ImuFormat
 from trackfg.numerics.arrays import Array
 from trackfg.recording.model import Recording
 from trackfg.sensors.imu_intervals import intervals
-from trackfg.sensors.imu_noise import NoiseFloor
+from trackfg.sensors.imu_noise.noise_floor import NoiseFloor
 from trackfg.sensors.sampling_rate import RateFollower, local_intervals, rate_stretches
 from trackfg.smoothing.smoother import smooth
 

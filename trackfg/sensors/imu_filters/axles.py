@@ -35,7 +35,7 @@ from trackfg.numerics.chi_square import widening_of_few
 from trackfg.numerics.spans import true_runs
 from trackfg.sensors.imu_filters.block_fit import LEAST_EXPLAINED, block_fit
 from trackfg.sensors.imu_intervals import Intervals, means_between
-from trackfg.sensors.imu_noise import WhiteNoise
+from trackfg.sensors.imu_noise.white_noise import WhiteNoise
 
 STEP_S = 0.02
 """Step of the means that are brought to places, s."""

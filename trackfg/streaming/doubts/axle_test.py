@@ -12,7 +12,8 @@ from trackfg.numerics.arrays import Array
 from trackfg.results.events import Event, doubt_event
 from trackfg.sensors.imu_filters.axles import MEANS, STEP_S, TrackSums, axles, means, own_motion, track_sums
 from trackfg.sensors.imu_intervals import Intervals
-from trackfg.sensors.imu_noise import NoiseAtRest, noise_seen
+from trackfg.sensors.imu_noise.noise_at_rest import NoiseAtRest
+from trackfg.sensors.imu_noise.noise_floor import noise_seen
 from trackfg.smoothing.doubts.axle_doubts import Bends, own_in_words
 from trackfg.smoothing.leaning_body import HINT, OF_TRACK
 from trackfg.streaming.doubts.reporting import event_of

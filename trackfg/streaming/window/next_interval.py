@@ -23,7 +23,7 @@ from trackfg.graph.further_sensors import further_distances
 from trackfg.graph.positions import positions
 from trackfg.recording.model import Recording
 from trackfg.sensors.imu_intervals import Intervals
-from trackfg.sensors.imu_noise import NoiseAtRest
+from trackfg.sensors.imu_noise.noise_at_rest import NoiseAtRest
 from trackfg.sensors.tach import Wheel
 from trackfg.streaming.window.interval_factors import WITHIN_INTERVAL, new_factors
 from trackfg.streaming.window.predicted_motion import PredictedMotion

@@ -35,15 +35,11 @@ from trackfg.numerics.rotations import rpy_from_matrix
 from trackfg.recording.model import Recording
 from trackfg.sensors.dead_reckoning import InitialPath
 from trackfg.sensors.imu_intervals import AT_REST_M, Intervals, Turning, samples_per_increment
-from trackfg.sensors.imu_noise import (
-    CLEARLY,
-    NOISE_LIMITS,
-    NoiseAtRest,
-    NoiseFloor,
-    WhiteNoise,
-    block_length,
-    vibration_widths,
-)
+from trackfg.sensors.imu_noise.noise_at_rest import NoiseAtRest
+from trackfg.sensors.imu_noise.noise_floor import CLEARLY, NoiseFloor
+from trackfg.sensors.imu_noise.sample_blocks import NOISE_LIMITS, block_length
+from trackfg.sensors.imu_noise.vibration_power import vibration_widths
+from trackfg.sensors.imu_noise.white_noise import WhiteNoise
 from trackfg.sensors.tach import Wheel
 from trackfg.streaming.rows import NO_SAMPLES
 from trackfg.streaming.window.interval_factors import new_factors

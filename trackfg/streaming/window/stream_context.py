@@ -14,7 +14,8 @@ from trackfg.numerics.arrays import Array
 from trackfg.recording.description import RecordingDescription
 from trackfg.results.summary import GeometryConventions
 from trackfg.sensors.imu_intervals import Intervals
-from trackfg.sensors.imu_noise import WhiteNoise, noise_seen
+from trackfg.sensors.imu_noise.noise_floor import noise_seen
+from trackfg.sensors.imu_noise.white_noise import WhiteNoise
 from trackfg.streaming.window.interval_factors import MotionFactors, TachFactors
 from trackfg.streaming.window.records.noise_record import NoiseRecord
 

@@ -17,7 +17,7 @@ from trackfg.graph.inputs import World
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.rotations import so3_exp
 from trackfg.sensors.imu_intervals import Intervals
-from trackfg.sensors.imu_noise import NoiseAtRest
+from trackfg.sensors.imu_noise.noise_at_rest import NoiseAtRest
 from trackfg.streaming.window.predicted_motion import PredictedMotion
 from trackfg.streaming.window.stream_context import StreamContext
 

@@ -16,7 +16,7 @@ from trackfg.factors.states import Kind, Nav, Odo, States
 from trackfg.graph.inputs import World
 from trackfg.numerics.rotations import so3_exp
 from trackfg.sensors.imu_intervals import Intervals
-from trackfg.sensors.imu_noise import NoiseAtRest
+from trackfg.sensors.imu_noise.noise_at_rest import NoiseAtRest
 from trackfg.sensors.tach import Wheel
 from trackfg.streaming.window.predicted_motion import PredictedMotion
 from trackfg.streaming.window.stream_context import StreamContext

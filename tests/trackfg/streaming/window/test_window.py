@@ -19,7 +19,7 @@ from trackfg.numerics.rotations import so3_exp
 from trackfg.recording.description import RecordingDescription
 from trackfg.recording.model import Recording
 from trackfg.sensors.imu_intervals import Intervals
-from trackfg.sensors.imu_noise import NoiseAtRest
+from trackfg.sensors.imu_noise.noise_at_rest import NoiseAtRest
 from trackfg.sensors.tach import Wheel
 from trackfg.solver.elimination import Conditionals
 from trackfg.streaming.rows import NO_SAMPLES

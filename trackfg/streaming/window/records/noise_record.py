@@ -7,8 +7,8 @@ again; factors to come have sigmas of the newest levels. What was marginalised b
 long ago are forgotten, since speed, track and weather change.
 
 At rest all that the inertial sensor shows is noise: as in the batch, means over half a second show there what is below
-the keyframe rate (:class:`~trackfg.sensors.imu_noise.RestNoise`). All intervals have at least that noise, from the pass
-on that finds the rest. Where it is less than declared, later intervals have that noise.
+the keyframe rate (:mod:`trackfg.sensors.imu_noise.noise_at_rest`). All intervals have at least that noise, from the
+pass on that finds the rest. Where it is less than declared, later intervals have that noise.
 """
 
 from __future__ import annotations
@@ -23,7 +23,8 @@ from trackfg.factors.family import Family, changed
 from trackfg.factors.imu import Preintegration
 from trackfg.numerics.arrays import Array
 from trackfg.results.events import Event, doubt_event
-from trackfg.sensors.imu_noise import NoiseAtRest, NoiseFloor, RestNoise
+from trackfg.sensors.imu_noise.noise_at_rest import NoiseAtRest, RestNoise
+from trackfg.sensors.imu_noise.noise_floor import NoiseFloor
 from trackfg.smoothing.doubts.path_doubts import ON_SPRINGS, off_its_heading
 from trackfg.smoothing.leaning_body import HINT, OF_TRACK
 from trackfg.smoothing.noise_levels import (
@@ -105,7 +106,8 @@ class NoiseRecord:
         if not len(new):
             return np.zeros(6)
         data = buffer.intervals(float(new[0, 0]), float(new[-1, 1]))
-        self.at_rest = self.at_rest.joined(RestNoise.of(data, NoiseFloor.of(data), new), _MOST_MEANS)
+        floor = NoiseFloor.of(data)
+        self.at_rest = self.at_rest.joined(RestNoise.of(data, floor.knots, floor.seen, new), _MOST_MEANS)
         self.rests_s, previous, self.shown = float(new[-1, 1]), self.shown, self.at_rest.shown()
         return self.shown.excess - previous.excess
 
