@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Literal, get_args
+from typing import Literal, NamedTuple, get_args
 from weakref import WeakValueDictionary
 
 import numpy as np
@@ -165,33 +165,22 @@ def simulate(
         raise BadInputError(f"duration_s {duration}: expected {SHORTEST_S} s or more, and at most {LONGEST_S:g} s")
     if run < 0:
         raise BadInputError(f"run {run}: expected 0 or more")
-    line_rng, irregularity_rng, flange_rng = _streams(seed, (0,), 3)
-    drive_rng, *sensor_rngs = _streams(seed, (1, run), 1 + len(get_args(Sensor)))
     vehicle = run // plan.runs_per_vehicle
-    streams = Streams(dict(zip(get_args(Sensor), sensor_rngs, strict=True)))
-    if plan.runs_per_vehicle > 1:
-        kept_rngs = _streams(seed, (2, vehicle), len(get_args(Kept)))
-        streams = replace(streams, kept=dict(zip(get_args(Kept), kept_rngs, strict=True)))
+    draws = _Draws.of(seed, run, vehicle, keeps=plan.runs_per_vehicle > 1)
 
     def begin(stage: str) -> None:
         if progress is not None:
             progress(stage, _BEGINS[stage])
 
     begin("track")
-    track = _track(plan, duration, line_rng, irregularity_rng, seed)
+    track = _track(plan, duration, draws.line, draws.irregularities, seed)
     if plan.flange_knocks:
-        plan = replace(plan, vehicle=Flanging(plan.vehicle, seed=int(flange_rng.integers(2**63))))
+        plan = replace(plan, vehicle=Flanging(plan.vehicle, seed=int(draws.flange.integers(2**63))))
     if plan.both_ways and run % 2 == 1:
         plan, track = _from_the_other_end(plan, track)
     begin("vehicle")
-    motion = plan.driver.drive(track.line, duration, drive_rng)
     edges = tables.clock(duration, plan.imu.rate_hz)
-    # The body's spline goes on beyond the recording, so that a longer run begins as a shorter one does.
-    beyond = np.arange(len(edges) + round(_BEYOND_S * plan.imu.rate_hz)) / plan.imu.rate_hz
-    body = plan.vehicle.body_motion(track, motion, beyond)
-    if not plan.georeferenced:
-        track = _facing_east(track, motion, body)
-    ride = Ride(track.line, motion, plan.chainage_origin_m, plan.direction, body)
+    track, ride = _ridden(plan, track, duration, edges, draws.driver)
     mounted_at_random = noise and (plan.imu.mount_sd_rad > 0.0 or plan.imu.mount_roll_sd_rad > 0.0)
     begin("sensors")
     measured = measure(
@@ -201,16 +190,14 @@ def simulate(
         edges,
         name=f"{plan.name}-seed{seed}-run{run}",
         sensor_id=f"seed{seed}-vehicle{vehicle}" if mounted_at_random else None,
-        streams=streams if noise else None,
+        streams=draws.sensors if noise else None,
     )
-
     recording = measured.recording
     if noise:
         for effect, rng in zip(plan.effects, _streams(seed, (3, run), len(plan.effects)), strict=True):
             recording = effect.recorded(recording, ride, rng)
-
     begin("truth")
-    t = tables.clock(duration, truth_rate_hz)
+    t, motion = tables.clock(duration, truth_rate_hz), ride.motion
     s = motion.distance(np.append(motion.breaks_s[motion.breaks_s < duration], duration))
     simulation = Simulation(
         recording=recording,
@@ -226,6 +213,40 @@ def simulate(
     )
     begin("writing")
     return simulation
+
+
+class _Draws(NamedTuple):
+    """The random generators of a run: those of its track, of its driver, and of its sensors."""
+
+    line: np.random.Generator
+    irregularities: np.random.Generator
+    flange: np.random.Generator
+    driver: np.random.Generator
+    sensors: Streams
+
+    @classmethod
+    def of(cls, seed: int, run: int, vehicle: int, *, keeps: bool) -> _Draws:
+        """Return those of a ``run`` by a ``vehicle``, which ``keeps`` some of its sensors' errors for several runs."""
+        line, irregularities, flange = _streams(seed, (0,), 3)
+        driver, *sensors = _streams(seed, (1, run), 1 + len(get_args(Sensor)))
+        streams = Streams(dict(zip(get_args(Sensor), sensors, strict=True)))
+        if keeps:
+            kept = _streams(seed, (2, vehicle), len(get_args(Kept)))
+            streams = replace(streams, kept=dict(zip(get_args(Kept), kept, strict=True)))
+        return cls(line, irregularities, flange, driver, streams)
+
+
+def _ridden(
+    plan: Scenario, track: SimulatedTrack, duration_s: float, edges: Array, rng: np.random.Generator
+) -> tuple[SimulatedTrack, Ride]:
+    """Return the track in the frame of the run, and the ride over it; ``edges`` (n + 1,), s, are the IMU's."""
+    motion = plan.driver.drive(track.line, duration_s, rng)
+    # The body's spline goes on beyond the recording, so that a longer run begins as a shorter one does.
+    beyond = np.arange(len(edges) + round(_BEYOND_S * plan.imu.rate_hz)) / plan.imu.rate_hz
+    body = plan.vehicle.body_motion(track, motion, beyond)
+    if not plan.georeferenced:
+        track = _facing_east(track, motion, body)
+    return track, Ride(track.line, motion, plan.chainage_origin_m, plan.direction, body)
 
 
 def _streams(seed: int, key: tuple[int, ...], count: int) -> list[np.random.Generator]:
