@@ -1,4 +1,4 @@
-"""What a scenario's sensors and recorders make of a ride."""
+"""A ride is measured by a scenario's sensors and recorders."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a scenario is: everything that, with a seed, a run and a duration, makes a simulated run."""
+"""A scenario is everything that, with a seed, a run and a duration, makes a simulated run."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ TableName = Literal["imu", "tach", "fixes", "gnss", "lasers", "further"]
 
 @dataclass(frozen=True)
 class Recorder:
-    """What records one table: its clock, and the rows that it loses. It adds to the sensor's own delay, if any."""
+    """The recorder of one table: its clock, and the rows that it loses. It adds to the sensor's own delay, if any."""
 
     clock: ClockModel = field(default_factory=ClockModel)
     drops: DropModel = field(default_factory=DropModel)

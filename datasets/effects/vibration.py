@@ -1,4 +1,4 @@
-"""What shakes an IMU: the wheels on the rails, an engine, and shocks at rail joints; and what the sensor makes of it.
+"""Vibration shakes an IMU: that of the wheels on the rails, of an engine, and shocks at rail joints, as it is sampled.
 
 Vibration is far faster than the samples, so it is made at several times their rate and then sampled: by the value at
 the middle of each interval (``instant``: what lies above half the sampling rate is folded down, *aliased*), by the mean
@@ -28,7 +28,7 @@ AT_MPS = 20.0
 
 @dataclass(frozen=True)
 class Place:
-    """Where on a vehicle an IMU sits: the band of the vibration, Hz, what it is along x, y and z of the vertical one,
+    """A place of an IMU on a vehicle: the band of the vibration, Hz, what it is along x, y and z of the vertical one,
     and the arm, m: what moves up and down at one end of it and not at the other turns.
     """
 

@@ -60,7 +60,7 @@ _AMPLITUDES = {
 
 @dataclass(frozen=True)
 class IrregularityModel:
-    """What to draw: the shape of the spectra, and the standard deviation of each quantity in the band D1, m.
+    """The shape of the spectra to draw, and the standard deviation of each quantity in the band D1, m.
 
     ``None`` leaves a quantity at the shape's own height, in which cross-level refers to a base of 1.5 m. Nothing longer
     than ``longest_m`` is there.

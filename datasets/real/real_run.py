@@ -1,4 +1,4 @@
-"""What every loader of a real recording returns, and how loaders open their files."""
+"""A real run is what a loader of a public data set returns; its files are opened here."""
 
 from __future__ import annotations
 

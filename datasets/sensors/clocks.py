@@ -1,4 +1,4 @@
-"""What recorders do to a table: stamps of a wrong clock, and rows that get lost.
+"""Recorders stamp a table by a wrong clock, and lose rows of it.
 
 A clock that is wrong by ``offset + drift t`` stamps what happens at ``t`` with
 

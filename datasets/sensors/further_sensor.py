@@ -1,4 +1,4 @@
-"""What a scenario may have besides its IMU, its first tach, its positions and its lasers."""
+"""Further sensors are those of a scenario besides its IMU, its first tach, its positions and its lasers."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What an IMU adds to the truth.
+"""The errors of an IMU are added to the truth.
 
 True angular rate ``w`` and specific force ``f`` in vehicle axes become samples in this order:
 
@@ -34,7 +34,7 @@ _NEARLY_NONE = 1e-7
 
 @dataclass(frozen=True)
 class ImuResponse:
-    """How far the output follows the input; by default perfectly.
+    """The response of the output to the input, by default perfect.
 
     Standard deviations of the scale factors, of each misalignment (rad) and of each element of the gyro's sensitivity
     to specific force (rad/s per m/s^2); ranges, and resolutions (0: as fine as a double), of rad/s and m/s^2.
@@ -67,7 +67,7 @@ class ImuModel:
 
     @property
     def declared_noise(self) -> ImuNoise:
-        """What a data sheet would say of it: the noise, and how well scale factors and axes are calibrated."""
+        """The noise as a data sheet would declare it: densities, and how well scale factors and axes are calibrated."""
         response = self.response
         calibration = {
             "gyro_scale_sd": response.gyro_scale_sd,
@@ -81,7 +81,7 @@ class ImuModel:
 
 @dataclass(frozen=True)
 class ImuErrors:
-    """What an IMU adds to the truth in one run.
+    """The errors of an IMU in one run.
 
     White noise and bias of each sample, (n, 3) each; mounting; ``M_g``, ``M_a`` and ``G``, (3, 3) each; and the
     response that they were drawn from, for range and resolution.

@@ -26,7 +26,7 @@ _ORTHOGONAL_TO_0_05_DEG = 0.05 * _DEG / np.sqrt(2.0)
 
 @dataclass(frozen=True)
 class ImuGrade:
-    """What a type of sensor does. Where it sits is :class:`~trackfg.datasets.sensors.imu_errors.ImuModel`'s."""
+    """A type of sensor. Where it sits is :class:`~trackfg.datasets.sensors.imu_errors.ImuModel`'s."""
 
     noise: ImuNoise
     response: ImuResponse

@@ -62,7 +62,7 @@ class LaserModel:
 
     @property
     def line(self) -> Literal["top", "edge"]:
-        """What it sees of the rail."""
+        """The part of the rail that it sees."""
         return "top" if self.axis == "z" else "edge"
 
 

@@ -76,7 +76,7 @@ class TachModel:
 
 @dataclass(frozen=True)
 class MeasuredWheel:
-    """What a tachometer makes of a ride; ``slips`` as of :func:`slip_table`, None where no adhesion was simulated."""
+    """The table of a tachometer on a ride; ``slips`` as of :func:`slip_table`, None where no adhesion was simulated."""
 
     table: pd.DataFrame
     description: Tach

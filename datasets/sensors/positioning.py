@@ -1,4 +1,4 @@
-"""What locates the vehicle: balises on the track and satellites.
+"""Balises on the track and satellites locate the vehicle.
 
 A balise is a place of known chainage; the fix is taken as the reference point passes over it, whichever way, and its
 chainage is wrong by white noise. Now and then one is missed, or read as another one: wrong by metres, with the same

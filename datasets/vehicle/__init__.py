@@ -1,1 +1,1 @@
-"""How a simulated vehicle is driven, slips, and moves on its suspension."""
+"""A simulated vehicle is driven, slips, and moves on its suspension."""

@@ -1,4 +1,4 @@
-"""When the measured axle slips or slides: what the driver demands of the rail against what it can give.
+"""The measured axle slips or slides where the driver demands more of the rail than it can give.
 
 The vehicle moves as the driver planned; the axle that the tachometer sits on rolls ``int v (1 + creep) dt`` meanwhile,
 creep positive when it slips under traction, negative when it slides under the brake, -1 when it is locked.

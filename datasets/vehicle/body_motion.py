@@ -1,4 +1,4 @@
-"""How a vehicle's body deviates from the designed line, as functions of time.
+"""The motion of a vehicle's body is its deviation from the designed line, as functions of time.
 
 Five functions: ``y`` to the horizontal left of the designed heading and ``z`` vertically up, m, and what is added to
 the designed roll, pitch and yaw, rad. They are cubic splines with a knot at every edge of the IMU's intervals, so that

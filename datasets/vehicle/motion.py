@@ -1,4 +1,4 @@
-"""How a vehicle moves along a line: distance, speed and acceleration as exact functions of time.
+"""The motion of a vehicle along a line: distance, speed and acceleration as exact functions of time.
 
 A motion is a chain of phases of constant jerk, so ``s(t)`` is a piecewise cubic with continuous acceleration, and
 ``v`` and ``a`` are its derivatives. A change of speed is an S-curve: jerk ``+j``, constant acceleration, jerk ``-j``.
@@ -31,7 +31,7 @@ _REST_MPS = 1e-9
 
 @dataclass(frozen=True)
 class Limits:
-    """What the driver keeps to: acceleration (both ways), m/s^2, and jerk, m/s^3."""
+    """The limits that the driver keeps to: acceleration (both ways), m/s^2, and jerk, m/s^3."""
 
     acceleration_mps2: float
     jerk_mps3: float

@@ -1,4 +1,4 @@
-"""Where the wheelsets of a vehicle are, relative to the designed line under its middle, and chords between such points.
+"""Wheelsets lie about the designed line under the middle of their vehicle, and chords between such points.
 
 Everything is in the *level frame at s*: origin at the designed point ``P(s)``, axes forward along the horizontal of the
 designed heading, left of it, and up. A wheelset at the offset ``d`` is at the track's centre line at ``s + d`` in space

@@ -1,4 +1,4 @@
-"""What is known of the content of files is kept, so that those that did not change are not read again.
+"""Known content of files is kept, so that those that did not change are not read again.
 
 Files count as unchanged while their names, sizes, times and inodes are the same; those at a URL, while what their
 server says of them is the same. Among the times is that of the last change of status, which no program can set, so a

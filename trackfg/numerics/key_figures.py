@@ -1,4 +1,4 @@
-"""What holds large tables and arrays shows key figures or shapes: one line in Python, a small table in a notebook."""
+"""Holders of large tables and arrays show key figures or shapes: one line in Python, a small table in a notebook."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a solution shows of its own assumptions is reassessed, and the graph is solved again where that changes it.
+"""Assumptions are reassessed by what a solution shows of them, and the graph is solved again where they change.
 
     solve -> covariance -> all reassessors in turn -> solve from there, with what changed -> ...
 

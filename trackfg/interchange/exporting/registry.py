@@ -1,4 +1,4 @@
-"""Every format that ``trackfg export`` writes, by name."""
+"""The registry has every format that ``trackfg export`` writes, by name."""
 
 from __future__ import annotations
 

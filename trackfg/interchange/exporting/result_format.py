@@ -1,4 +1,4 @@
-"""What the exporter must know of one format of results (:mod:`trackfg.interchange.exporting.registry` has all)."""
+"""A format of results is a class that writes a result to a file; the registry has all formats."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a solved run shows of its own sigmas becomes a verdict per quantity."""
+"""The judgement of a solved run: doubts of its sigmas become a verdict per quantity."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a recording says against its own description goes into the result: no wrong recording is smoothed in silence.
+"""Contradictions of a recording and its description go into the result: no wrong recording is smoothed in silence.
 
 The findings are those of :mod:`trackfg.checks.contradictions`, which ``trackfg check`` lists. Those that no state of
 the graph can make up for are doubts about what they spoil; a scale, a bias, a noise level or an offset of a clock is
