@@ -16,8 +16,8 @@ import pandas as pd
 import pytest
 
 from trackfg.results.columns import TRAJECTORY_COLUMNS
-from trackfg.streaming.run import StreamCounts
 from trackfg.streaming.sinks.parquet_parts import ParquetParts
+from trackfg.streaming.stream_counts import StreamCounts
 
 TOOLS = Path(__file__).parents[1] / "tools"
 

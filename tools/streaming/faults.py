@@ -39,7 +39,7 @@ from streaming.run_tables import tables_of
 from trackfg import FixedLagSmoother
 from trackfg.numerics.arrays import Array
 from trackfg.results.columns import TRAJECTORY_COLUMNS
-from trackfg.streaming.run import StreamCounts
+from trackfg.streaming.stream_counts import StreamCounts
 
 KINDS = (*DAMAGES, *BREAKS)
 CHECKS = ("crash", "hang", "loss", "before", "outside")

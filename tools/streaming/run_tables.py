@@ -5,9 +5,10 @@ from __future__ import annotations
 import pandas as pd
 
 from trackfg.streaming.fixed_lag import FixedLagSmoother
-from trackfg.streaming.run import StreamCounts, run_stream
+from trackfg.streaming.run import run_stream
 from trackfg.streaming.sinks.sink import Callback
 from trackfg.streaming.sources.source import Source
+from trackfg.streaming.stream_counts import StreamCounts
 
 
 def tables_of(source: Source, smoother: FixedLagSmoother) -> tuple[dict[str, pd.DataFrame], StreamCounts]:

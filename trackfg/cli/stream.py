@@ -19,8 +19,9 @@ from trackfg.errors import BadInputError, counted
 
 if TYPE_CHECKING:
     from trackfg.streaming.checkpoint.checkpoint import Checkpoint
-    from trackfg.streaming.run import Stream, StreamCounts, StreamStep
+    from trackfg.streaming.run import Stream, StreamStep
     from trackfg.streaming.sources.source import Source
+    from trackfg.streaming.stream_counts import StreamCounts
 
 _STANDARD = "-"
 _CHECKPOINT = "checkpoint"

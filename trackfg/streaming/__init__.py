@@ -11,11 +11,13 @@ module              content
 ``tables``          smoothed tables and events of what left the window
 ``locating``        where the stream is on a map
 ``fixed_lag``       :class:`~trackfg.streaming.fixed_lag.FixedLagSmoother`: rows in, estimates out
+``estimates``       filtered, smoothed and geometry rows, and events
 ``outages``         times without any rows that are too long to be bridged
 ``doubts``          tests of the stream's own sigmas
 ``back_pressure``   sparser keyframes while rows come faster than they can be handled
 ``sinks``           where estimates go: JSON lines, a callback, Parquet parts
 ``run``             all of it in a row
+``stream_counts``   rows that came, were used and were lost
 ``growable_array``  arrays that grow at their end
 ``checkpoint``      the file from which an interrupted stream is resumed
 ``view``            a running stream in a browser

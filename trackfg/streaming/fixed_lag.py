@@ -21,10 +21,9 @@ From a source's first batch to the last estimates::
 from __future__ import annotations
 
 import hashlib
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
-import pandas as pd
 
 from trackfg.config import SmoothConfig
 from trackfg.errors import BadInputError
@@ -34,13 +33,13 @@ from trackfg.numerics.arrays import Array
 from trackfg.output.dense_motion import DenseMotion
 from trackfg.output.trajectory import trajectory_columns
 from trackfg.recording.description import RecordingDescription
-from trackfg.results.columns import GEOMETRY_COLUMNS, TRAJECTORY_COLUMNS
 from trackfg.results.events import Event
 from trackfg.sensors.imu_noise.white_noise import WhiteNoise
 from trackfg.smoothing.localisation import MapChainage
 from trackfg.streaming.checkpoint.snapshot import Snapshot, dump, load_attributes
 from trackfg.streaming.doubts.reporting import DoubtReports
 from trackfg.streaming.doubts.stream_tests import StreamTests
+from trackfg.streaming.estimates import Estimates, PassOutput, estimates_of
 from trackfg.streaming.locating.map_locator import MapLocator
 from trackfg.streaming.outages import Outage, distance_after, outage_after
 from trackfg.streaming.rows import SAME_S, Rows
@@ -53,37 +52,12 @@ from trackfg.streaming.window.starting_window import START_S, StartingWindow
 if TYPE_CHECKING:
     from trackfg.maps.feature_map import FeatureMap
 
-NO_TRAJECTORY = pd.DataFrame(columns=list(TRAJECTORY_COLUMNS), dtype=np.float64)
-NO_GEOMETRY = pd.DataFrame(columns=["t_s", *GEOMETRY_COLUMNS], dtype=np.float64)
-
 _KEPT_S = 30.0
 """While nothing measures the speed, rows older than this are dropped, s: no window begins with them."""
 BEFORE_S = 10.0
 """Rows this much older than the window are needed, s."""
 PIECE_S = 10.0
 """Smoothed tables come in pieces about as long, s."""
-
-
-class Estimates(NamedTuple):
-    """``filtered``: a row per new keyframe, from the rows up to it. ``smoothed``: rows of the trajectory, ``geometry``:
-    rows of the geometry table, of what the lag is over for. Columns as in a result, and of geometry ``t_s``, when the
-    place was passed; tables may be empty. ``events``: what else became known.
-    """
-
-    filtered: pd.DataFrame
-    smoothed: pd.DataFrame
-    geometry: pd.DataFrame
-    events: tuple[Event, ...] = ()
-
-
-NO_ESTIMATES = Estimates(NO_TRAJECTORY, NO_TRAJECTORY, NO_GEOMETRY)
-
-
-class PassOutput(NamedTuple):
-    """The smoothed tables and events that a relinearisation pass led to."""
-
-    pieces: list[Tables]
-    events: tuple[Event, ...]
 
 
 class FixedLagSmoother:
@@ -182,7 +156,7 @@ class FixedLagSmoother:
             moving.prepare(t)
         elif moving.running is None:
             self._buffer.forget(self._buffer.until - _KEPT_S, self._buffer.until - _KEPT_S)
-        estimates = _estimates_of(_table(filtered), outputs)
+        estimates = estimates_of(filtered, outputs)
         if moving.running is None or not self._doubts.are_due(self._buffer.until):
             return estimates
         return estimates._replace(events=(*estimates.events, *self._doubts.new(self._tests.events(self._moving))))
@@ -194,7 +168,7 @@ class FixedLagSmoother:
         outputs += self._work_due(at_end=True)
         if (waiting := self._moving.waiting_event()) is not None:
             outputs.append(PassOutput([], (waiting,)))
-        last = _estimates_of(_table(filtered), outputs)
+        last = estimates_of(filtered, outputs)
         return last._replace(events=(*last.events, *self._tests.events(self._moving)))
 
     def state(self) -> Snapshot:
@@ -345,20 +319,3 @@ class FixedLagSmoother:
         if self._moving.running is None:
             raise ValueError("the window has not begun")
         return self._moving.running
-
-
-def _estimates_of(filtered: pd.DataFrame, outputs: list[PassOutput]) -> Estimates:
-    smoothed = _joined([piece.trajectory for output in outputs for piece in output.pieces], NO_TRAJECTORY)
-    geometry = _joined([piece.geometry for output in outputs for piece in output.pieces], NO_GEOMETRY)
-    return Estimates(filtered, smoothed, geometry, tuple(event for output in outputs for event in output.events))
-
-
-def _table(rows: list[Array]) -> pd.DataFrame:
-    return pd.DataFrame(np.stack(rows), columns=NO_TRAJECTORY.columns) if rows else NO_TRAJECTORY
-
-
-def _joined(tables: list[pd.DataFrame], none: pd.DataFrame) -> pd.DataFrame:
-    filled = [table for table in tables if len(table)]
-    if not filled:
-        return none
-    return filled[0] if len(filled) == 1 else pd.concat(filled, ignore_index=True)

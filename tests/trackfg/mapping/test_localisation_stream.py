@@ -13,7 +13,8 @@ import pytest
 from trackfg.errors import BadInputError
 from trackfg.maps.feature_map import FeatureMap
 from trackfg.recording.model import Recording
-from trackfg.streaming.fixed_lag import Estimates, FixedLagSmoother
+from trackfg.streaming.estimates import Estimates
+from trackfg.streaming.fixed_lag import FixedLagSmoother
 from trackfg.streaming.intake.intake import Intake
 from trackfg.streaming.sources.source import RecordingSource
 

@@ -15,7 +15,8 @@ from trackfg.datasets.scenarios import Scenario, scenario
 from trackfg.recording.model import Recording
 from trackfg.results.events import Event
 from trackfg.streaming.checkpoint.snapshot import Snapshot, dump, load_attributes
-from trackfg.streaming.fixed_lag import Estimates, FixedLagSmoother
+from trackfg.streaming.estimates import Estimates
+from trackfg.streaming.fixed_lag import FixedLagSmoother
 from trackfg.streaming.intake.intake import Intake
 from trackfg.streaming.sources.source import RecordingSource
 

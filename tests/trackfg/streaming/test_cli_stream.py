@@ -16,8 +16,8 @@ import pytest
 
 from trackfg.datasets.scenarios import simulate
 from trackfg.results.columns import GEOMETRY_COLUMNS, TRAJECTORY_COLUMNS
-from trackfg.streaming.run import StreamCounts
 from trackfg.streaming.sinks.parquet_parts import read_parts
+from trackfg.streaming.stream_counts import StreamCounts
 
 from .conftest import setting_off
 

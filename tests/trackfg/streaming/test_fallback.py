@@ -17,7 +17,8 @@ from trackfg.datasets.scenarios import scenario, simulate
 from trackfg.datasets.vehicle.driving import Service
 from trackfg.errors import UnsolvableError
 from trackfg.results.events import Event
-from trackfg.streaming.fixed_lag import Estimates, FixedLagSmoother
+from trackfg.streaming.estimates import Estimates
+from trackfg.streaming.fixed_lag import FixedLagSmoother
 from trackfg.streaming.intake.intake import Intake
 from trackfg.streaming.rows import Rows
 from trackfg.streaming.run import Stream

@@ -15,7 +15,8 @@ from trackfg.config import SmoothConfig
 from trackfg.datasets.scenarios import scenario, simulate
 from trackfg.recording.model import Recording
 from trackfg.sensors.tach import read_wheel
-from trackfg.streaming.fixed_lag import Estimates, FixedLagSmoother
+from trackfg.streaming.estimates import Estimates
+from trackfg.streaming.fixed_lag import FixedLagSmoother
 from trackfg.streaming.intake.intake import Intake
 from trackfg.streaming.sources.json_lines import JsonLinesSource
 

@@ -17,7 +17,8 @@ import pytest
 from trackfg.datasets.scenarios import simulate
 from trackfg.errors import OutputError
 from trackfg.results.events import Event
-from trackfg.streaming.fixed_lag import NO_ESTIMATES, FixedLagSmoother
+from trackfg.streaming.estimates import NO_ESTIMATES
+from trackfg.streaming.fixed_lag import FixedLagSmoother
 from trackfg.streaming.run import Stream, StreamStep
 from trackfg.streaming.sinks.sink import Callback
 from trackfg.streaming.sources.source import RecordingSource

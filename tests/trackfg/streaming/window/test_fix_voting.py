@@ -20,7 +20,8 @@ from trackfg.factors.loss import Cauchy
 from trackfg.factors.odometry import absolute_fix, withheld_fix
 from trackfg.factors.states import Kind, Nav, Odo, States
 from trackfg.results.events import DOUBT
-from trackfg.streaming.fixed_lag import Estimates, FixedLagSmoother
+from trackfg.streaming.estimates import Estimates
+from trackfg.streaming.fixed_lag import FixedLagSmoother
 from trackfg.streaming.intake.intake import Intake
 from trackfg.streaming.sources.source import RecordingSource
 from trackfg.streaming.window.fix_voting import FixVotes, shift_interval

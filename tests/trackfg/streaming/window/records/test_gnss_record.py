@@ -21,7 +21,8 @@ from trackfg.factors.loss import Huber
 from trackfg.factors.states import States
 from trackfg.recording.model import Recording
 from trackfg.results.events import DOUBT
-from trackfg.streaming.fixed_lag import Estimates, FixedLagSmoother
+from trackfg.streaming.estimates import Estimates
+from trackfg.streaming.fixed_lag import FixedLagSmoother
 from trackfg.streaming.intake.intake import Intake
 from trackfg.streaming.sources.source import RecordingSource
 from trackfg.streaming.window.records.gnss_record import GnssRecord
