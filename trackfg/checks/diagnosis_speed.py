@@ -31,6 +31,10 @@ _SIGMAS = 3.0
 """Slopes and angles are surely within so many sigmas of their estimate: 1 in 370 is not by chance."""
 
 
+SURE_CORRELATION = 0.8
+"""Lateral force has causes of its own (springs, rails): its slope says something from this correlation on."""
+
+
 @dataclass(frozen=True)
 class Slope:
     """A slope ``value`` with the correlation it was found from; it is between ``low`` and ``high`` (see above)."""

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from trackfg.checks.contradictions import diagnose
+from trackfg.checks.contradictions.all_contradictions import diagnose
 from trackfg.checks.limits import CheckLimits
 from trackfg.io.reader import load
 from trackfg.numerics.blas_threads import one_thread

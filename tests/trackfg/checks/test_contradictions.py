@@ -12,7 +12,7 @@ import pytest
 
 from trackfg.checks import plausibility
 from trackfg.checks.clock_overlap import of_this_run
-from trackfg.checks.contradictions import diagnose
+from trackfg.checks.contradictions.all_contradictions import diagnose
 from trackfg.checks.diagnosis_silence import is_moving
 from trackfg.checks.diagnosis_wheel import receiver_speed_scale
 from trackfg.checks.limits import CheckLimits

@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from trackfg.checks.contradictions import diagnose
+from trackfg.checks.contradictions.all_contradictions import diagnose
 from trackfg.checks.diagnosis import Estimates
 from trackfg.checks.diagnosis_axes import AXES, estimate_axes, propose_axes
 from trackfg.checks.diagnosis_clock import estimate_clock_offset

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from trackfg.checks.contradictions import diagnose
+from trackfg.checks.contradictions.all_contradictions import diagnose
 from trackfg.checks.inertial.repeated_rows import repeated_rows, without_repeated_rows
 from trackfg.datasets.scenarios import Simulation
 from trackfg.recording.model import IMU_COLUMNS, Recording

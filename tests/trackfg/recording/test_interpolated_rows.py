@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from trackfg.checks.contradictions import diagnose
+from trackfg.checks.contradictions.all_contradictions import diagnose
 from trackfg.datasets.scenarios import simulate
 from trackfg.numerics.arrays import Array
 from trackfg.recording.interpolated_rows import interpolated_rows

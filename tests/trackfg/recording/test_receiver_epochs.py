@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from trackfg.checks.contradictions import diagnose
+from trackfg.checks.contradictions.all_contradictions import diagnose
 from trackfg.datasets.scenarios import simulate
 from trackfg.numerics.arrays import Array
 from trackfg.recording.model import GNSS_SPEED_TABLE

@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from trackfg.checks.contradictions import diagnose
+from trackfg.checks.contradictions.all_contradictions import diagnose
 from trackfg.datasets.scenarios import Simulation, simulate
 from trackfg.io.formats.imu import ImuFormat
 from trackfg.numerics.arrays import Array

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from trackfg.checks.contradictions import contradictions
+from trackfg.checks.contradictions.all_contradictions import contradictions
 from trackfg.checks.diagnosis import estimates_of
 from trackfg.checks.limits import CheckLimits
 from trackfg.recording.findings import Finding
