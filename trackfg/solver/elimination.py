@@ -23,14 +23,21 @@ import numpy as np
 from scipy.linalg.lapack import dgeqrf
 
 from trackfg.errors import UnsolvableError
-from trackfg.factors.linear import LinearFactors, Slot, first_keyframe, last_keyframe
-from trackfg.factors.states import KEYFRAME_DIM, SHARED_DIM, Kind, offset_in_keyframe
+from trackfg.factors.linear import LinearFactors
+from trackfg.factors.states import KEYFRAME_DIM
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.blas_threads import one_thread
 from trackfg.numerics.kernels import compiled_kernels, kernel_argument
+from trackfg.solver.placed_factors import (
+    PAIR,
+    PlacedFactors,
+    reach_ahead,
+    rows_of_shared_alone,
+    shared_dim_of,
+    stacked,
+)
 from trackfg.solver.square_root import NAV, NAV_DIM, SquareRoot, begins_beyond
 
-_PAIR = 2 * KEYFRAME_DIM
 _AT_A_TIME = 256
 """Keyframes whose rows are stacked together: at the widest window all rows at once would fill the memory."""
 
@@ -82,8 +89,8 @@ def eliminate_with_marginals(
 
     Raises ``ValueError`` where keyframes go and factors reach further than to the next one.
     """
-    placed, shared_dim = [_Placed.of(linear) for linear in factors], _shared_dim(factors)
-    ahead = _ahead(placed, keyframes)
+    placed, shared_dim = [PlacedFactors.of(linear) for linear in factors], shared_dim_of(factors)
+    ahead = reach_ahead(placed, keyframes)
     if leading_counts and ahead.any():
         raise ValueError("factors that tie keyframes further apart: these cannot be marginalised one by one")
     with one_thread():
@@ -98,9 +105,9 @@ def eliminated_blocks(factors: Sequence[LinearFactors], keyframes: int) -> Itera
 
     What is done with them, and not their number, decides how much memory they take.
     """
-    placed, shared_dim = [_Placed.of(linear) for linear in factors], _shared_dim(factors)
-    ahead = _ahead(placed, keyframes)
-    alone, remainder = _of_shared_alone(placed, shared_dim + 1), np.zeros((0, KEYFRAME_DIM + shared_dim + 1))
+    placed, shared_dim = [PlacedFactors.of(linear) for linear in factors], shared_dim_of(factors)
+    ahead = reach_ahead(placed, keyframes)
+    alone, remainder = rows_of_shared_alone(placed, shared_dim + 1), np.zeros((0, KEYFRAME_DIM + shared_dim + 1))
     chain = _Chain.of(placed, ahead)
     for begin in range(0, keyframes, _AT_A_TIME):
         some = ahead[begin : begin + _AT_A_TIME]
@@ -123,45 +130,6 @@ def _conditional_of_shared(alone: Array, shared_dim: int) -> tuple[Array, Array]
         return R, shared[:, -1] * sign
 
 
-def _shared_dim(factors: Sequence[LinearFactors]) -> int:
-    """Return the dimension of the shared variables: each further sensor has a factor, its prior or what that has
-    become.
-    """
-    sensors = (
-        slot.index for linear in factors for slot in linear.slots if slot.kind is Kind.SENSOR and slot.index.size
-    )
-    return SHARED_DIM + Kind.SENSOR.dim * max((int(index.max()) + 1 for index in sensors), default=0)
-
-
-def stacked_pair(factors: Sequence[LinearFactors], sensors: int | None = None) -> Array:
-    """Return rows [A b] over (x_0, x_1, s) of factors of two keyframes.
-
-    ``sensors``: how many further ones the run has, if these factors do not touch them all.
-    """
-    shared_dim = _shared_dim(factors) if sensors is None else SHARED_DIM + Kind.SENSOR.dim * sensors
-    rows = np.zeros((sum(linear.rows.shape[0] * linear.rows.shape[1] for linear in factors), _PAIR + shared_dim + 1))
-    begin = 0
-    for slots, members in factors:
-        kinds, indices = tuple(slot.kind for slot in slots), tuple(slot.index.tobytes() for slot in slots)
-        for factor, columns in zip(members, _columns_of_pair(kinds, indices, shared_dim + 1), strict=True):
-            rows[begin : begin + len(factor), columns] = factor
-            begin += len(factor)
-    return rows
-
-
-@lru_cache(maxsize=256)
-def _columns_of_pair(kinds: tuple[Kind, ...], indices: tuple[bytes, ...], tail: int) -> np.ndarray:
-    """Return which columns of (x_0, x_1, s | b) each factor fills, shape (m, c + 1).
-
-    ``indices`` are those of the slots, as bytes of 64-bit integers. Columns once found are kept: the factors of every
-    keyframe of a stream have the same few layouts.
-    """
-    slots = tuple(Slot(kind, np.frombuffer(index, np.int64)) for kind, index in zip(kinds, indices, strict=True))
-    first = np.zeros(len(slots[0].index), dtype=np.int64)
-    factors = LinearFactors(slots, np.zeros((len(first), 0, 0)))
-    return _Placed(factors, first, first, _places(slots, first, first)).columns(first + _PAIR, tail)
-
-
 def compressed(rows: Array) -> Array:
     """Return R of the rows' QR: equivalent rows, at most as many as columns."""
     with one_thread():
@@ -175,7 +143,7 @@ def eliminate_pair(triangle: Array, further: Array) -> tuple[SquareRoot, Array]:
     rows [A b]; both come from one dense QR.
     """
     pair = _pair_compiled if compiled_kernels() else _pair_by_lapack
-    return pair(triangle, further, triangle.shape[1] - 1 - _PAIR)
+    return pair(triangle, further, triangle.shape[1] - 1 - PAIR)
 
 
 def _pair_compiled(triangle: Array, further: Array, shared: int) -> tuple[SquareRoot, Array]:
@@ -194,18 +162,18 @@ def _pair_compiled(triangle: Array, further: Array, shared: int) -> tuple[Square
 
 def _pair_by_lapack(triangle: Array, further: Array, shared: int) -> tuple[SquareRoot, Array]:
     """Do as :func:`eliminate_pair`; ``shared``: how many variables the run shares."""
-    variables, dim = _PAIR + shared, KEYFRAME_DIM
+    variables, dim = PAIR + shared, KEYFRAME_DIM
     R = compressed(np.concatenate([triangle, further]))[:variables]
     if len(R) < variables:
         raise UnsolvableError(_UNDETERMINED)
     R = R * _positive(R[:, :-1])[1][:, None]
-    first, second, last = slice(0, dim), slice(dim, _PAIR), slice(_PAIR, variables)
+    first, second, last = slice(0, dim), slice(dim, PAIR), slice(PAIR, variables)
     S = np.zeros((2, dim, dim + shared))
-    S[0], S[1, :, dim:] = R[first, dim:-1], R[second, _PAIR:-1]
+    S[0], S[1, :, dim:] = R[first, dim:-1], R[second, PAIR:-1]
     root = SquareRoot(
         np.array([R[first, first], R[second, second]]),
         S,
-        R[:_PAIR, -1].reshape(2, dim),
+        R[:PAIR, -1].reshape(2, dim),
         R[last, last],
         R[last, -1],
         np.zeros(2, dtype=np.int64),
@@ -214,7 +182,7 @@ def _pair_by_lapack(triangle: Array, further: Array, shared: int) -> tuple[Squar
 
 
 def _factored(
-    factors: Sequence[_Placed], ahead: np.ndarray, shared_dim: int, leading_counts: Collection[int]
+    factors: Sequence[PlacedFactors], ahead: np.ndarray, shared_dim: int, leading_counts: Collection[int]
 ) -> tuple[_WithBeyond, Array, dict[int, Array]]:
     """Return conditionals of all keyframes, rows of the shared variables alone, and the marginals by their counts.
 
@@ -222,8 +190,8 @@ def _factored(
     """
     keyframes, tail, begins = len(ahead), shared_dim + 1, begins_beyond(ahead)
     whole = _WithBeyond.empty(ahead, shared_dim)
-    alone, marginals = [_of_shared_alone(factors, tail)], {}
-    remainder = np.zeros((0, _PAIR - KEYFRAME_DIM + tail))
+    alone, marginals = [rows_of_shared_alone(factors, tail)], {}
+    remainder = np.zeros((0, PAIR - KEYFRAME_DIM + tail))
     at_a_time = keyframes if compiled_kernels() else _AT_A_TIME
     chain = _Chain.of(factors, ahead)
     ends = sorted({*range(at_a_time, keyframes, at_a_time), keyframes, *leading_counts})
@@ -242,14 +210,14 @@ class _Chain(NamedTuple):
     windows, without the columns of the shared variables.
     """
 
-    factors: Sequence[_Placed]
+    factors: Sequence[PlacedFactors]
     arrays: Sequence[np.ndarray]
     widths: np.ndarray
 
     @classmethod
-    def of(cls, factors: Sequence[_Placed], ahead: np.ndarray) -> _Chain:
+    def of(cls, factors: Sequence[PlacedFactors], ahead: np.ndarray) -> _Chain:
         filled = [placed for placed in factors if placed.factors.rows.size] if compiled_kernels() else []
-        return cls(factors, [array for placed in filled for array in placed.as_arrays()], _PAIR + NAV_DIM * ahead)
+        return cls(factors, [array for placed in filled for array in placed.as_arrays()], PAIR + NAV_DIM * ahead)
 
 
 def _block_factored(chain: _Chain, begin: int, remainder: Array, out: _WithBeyond) -> tuple[Array, Array]:
@@ -277,7 +245,7 @@ class _Block(NamedTuple):
 
 
 def _around(widths: np.ndarray, begin: int, end: int) -> np.ndarray:
-    preceding = widths[begin - 1 : begin] if begin else [_PAIR]
+    preceding = widths[begin - 1 : begin] if begin else [PAIR]
     following = widths[end : end + 1] if end < len(widths) else [0]
     return np.concatenate([preceding, widths[begin:end], following])
 
@@ -304,8 +272,8 @@ def _block_by_lapack(block: _Block, out: _WithBeyond) -> tuple[Array, Array]:
     """Write the conditionals of a block, and return what is left over and rows of the shared variables alone."""
     widths, remainder, tail, alone = block.widths.tolist(), block.remainder, block.tail, []
     factors = [placed.between(block.begin, block.begin + len(out.R)) for placed in block.chain.factors]
-    rows, starts = _stacked(factors, block.widths[1:-1], tail)
-    begins = begins_beyond((block.widths[1:-1] - _PAIR) // NAV_DIM).tolist()
+    rows, starts = stacked(factors, block.widths[1:-1], tail)
+    begins = begins_beyond((block.widths[1:-1] - PAIR) // NAV_DIM).tolist()
     for k, (preceding, width, following) in enumerate(zip(widths, widths[1:], widths[2:], strict=False)):
         new_rows = rows[starts[k] : starts[k + 1], : width + tail]
         count = len(new_rows)
@@ -317,9 +285,9 @@ def _block_by_lapack(block: _Block, out: _WithBeyond) -> tuple[Array, Array]:
             raise UnsolvableError(_UNDETERMINED)
         triangle = dgeqrf(system, overwrite_a=True)[0]
         conditional, rest = triangle[:KEYFRAME_DIM], triangle[KEYFRAME_DIM:, KEYFRAME_DIM:]
-        out.R[k], out.S[k, :, :KEYFRAME_DIM] = conditional[:, :KEYFRAME_DIM], conditional[:, KEYFRAME_DIM:_PAIR]
+        out.R[k], out.S[k, :, :KEYFRAME_DIM] = conditional[:, :KEYFRAME_DIM], conditional[:, KEYFRAME_DIM:PAIR]
         out.S[k, :, KEYFRAME_DIM:], out.d[k] = conditional[:, width:-1], conditional[:, -1]
-        out.beyond[begins[k] : begins[k + 1]] = conditional[:, _PAIR:width].T
+        out.beyond[begins[k] : begins[k + 1]] = conditional[:, PAIR:width].T
         rest = rest * _upper(*rest.shape)  # below the diagonal dgeqrf keeps the reflections
         next_height = width - KEYFRAME_DIM if following else 0
         alone.append(rest[next_height:, width - KEYFRAME_DIM :].copy())
@@ -381,110 +349,6 @@ def _upper(rows: int, columns: int) -> Array:
 def _columns_in_next(width: int, next_width: int, tail: int) -> np.ndarray:
     """Return where the columns of y_k are in the window of keyframe k + 1."""
     x = np.arange(KEYFRAME_DIM)
-    nav = KEYFRAME_DIM + np.arange(NAV.start, NAV.stop)[: width - _PAIR]
-    later = np.arange(_PAIR, width - NAV_DIM)
+    nav = KEYFRAME_DIM + np.arange(NAV.start, NAV.stop)[: width - PAIR]
+    later = np.arange(PAIR, width - NAV_DIM)
     return np.concatenate([x, nav, later, next_width + np.arange(tail)])
-
-
-class _Placed(NamedTuple):
-    """Factors are placed in order of the first keyframe that each touches.
-
-    ``first`` (m,) is -1 for shared variables alone; ``last`` (m,); ``places`` (m, slots) are those of :func:`_places`.
-    """
-
-    factors: LinearFactors
-    first: np.ndarray
-    last: np.ndarray
-    places: np.ndarray
-
-    @classmethod
-    def of(cls, factors: LinearFactors) -> _Placed:
-        slots, count = factors.slots, len(factors.rows)
-        first, last = first_keyframe(slots, count), last_keyframe(slots, count)
-        if (first[1:] < first[:-1]).any():
-            order = np.argsort(first, kind="stable")
-            factors, first, last = factors.take(order), first[order], last[order]
-        return cls(factors, first, last, _places(factors.slots, first, last))
-
-    def between(self, begin: int, end: int) -> _Placed:
-        """Return those whose first keyframe is one from ``begin`` to ``end``, counted from ``begin``."""
-        some = slice(*np.searchsorted(self.first, [begin, end]).tolist())
-        # The slots keep their indices, which the places stand for.
-        factors = LinearFactors(self.factors.slots, self.factors.rows[some])
-        return _Placed(factors, self.first[some] - begin, self.last[some] - begin, self.places[some])
-
-    def as_arrays(self) -> tuple[np.ndarray, ...]:
-        """Return those that touch a keyframe, as the kernel takes a family."""
-        alone = int(np.searchsorted(self.first, 0))
-        dims = np.array([slot.kind.dim for slot in self.factors.slots])
-        return kernel_argument(self.factors.rows[alone:]), self.first[alone:], self.places[alone:], dims
-
-    def columns(self, widths: np.ndarray, tail: int) -> np.ndarray:
-        """Return the columns that the factors fill of windows of ``widths`` (m,), (m, c + 1), right-hand side last."""
-        dims = [slot.kind.dim for slot in self.factors.slots]
-        begin = np.where(self.places >= 0, self.places, widths[:, None] - 1 - self.places)
-        at = np.repeat(begin, dims, axis=1) + np.concatenate([np.arange(dim) for dim in dims])
-        return np.column_stack([at, widths + tail - 1])
-
-
-def _places(slots: Sequence[Slot], first: np.ndarray, last: np.ndarray) -> np.ndarray:
-    """Return the column in the window of its first keyframe at which each slot begins, (m, slots).
-
-    Of shared variables, which are behind the window, -1 - the column there.
-    """
-    places = np.empty((len(first), len(slots)), dtype=np.int64)
-    reaches_far = bool((last > first + 1).any())
-    for slot, place in zip(slots, places.T, strict=True):
-        kind, start = slot.kind, offset_in_keyframe(slot.kind)
-        if kind.shared:
-            place[:] = KEYFRAME_DIM - 1 - start - (kind.dim * slot.index if kind is Kind.SENSOR else 0)
-            continue
-        later = slot.index - first
-        place[:] = start + KEYFRAME_DIM * later
-        if reaches_far and (far := later >= 2).any():
-            if kind is not Kind.NAV:
-                raise ValueError(f"{kind.name} is touched from {later.max()} keyframes before; only NAV may be")
-            place[far] = _PAIR + NAV_DIM * (later[far] - 2)
-    return places
-
-
-def _ahead(factors: Sequence[_Placed], keyframes: int) -> np.ndarray:
-    """Return how many navigation states after x_{k+1} each window has to reach, shape (n,)."""
-    last = np.arange(1, keyframes + 1)
-    for _, first, farthest, _ in factors:
-        far = farthest > first + 1
-        if far.any():
-            np.maximum.at(last, first[far], farthest[far])
-    return np.asarray(np.maximum.accumulate(last) - np.arange(keyframes) - 1)
-
-
-def _of_shared_alone(factors: Sequence[_Placed], tail: int) -> Array:
-    """Return the rows of shared variables alone."""
-    shared = [placed.between(-1, 0) for placed in factors if placed.first.size and placed.first[0] < 0]
-    return _stacked(shared, np.array([_PAIR]), tail)[0][:, _PAIR:]
-
-
-def _stacked(factors: Sequence[_Placed], widths: np.ndarray, tail: int) -> tuple[Array, list[int]]:
-    """Return the rows of keyframes whose windows have these ``widths`` (n,), in order, and where those of each start.
-
-    Shape (m, widest window), and n + 1 starts.
-    """
-    factors = [placed for placed in factors if len(placed.first)]
-    none = np.zeros(0, dtype=np.int64)
-    tall = (np.full(len(placed.first), placed.factors.rows.shape[1]) for placed in factors)
-    heights = np.concatenate([none, *tall])
-    by_keyframe = np.concatenate([none, *(placed.first for placed in factors)])
-    order = np.argsort(by_keyframe, kind="stable")
-    ends = np.cumsum(heights[order])
-    begins = np.empty(len(order), dtype=np.int64)
-    begins[order] = ends - heights[order]
-    starts = np.append(0, ends)[np.searchsorted(by_keyframe[order], np.arange(len(widths) + 1))]
-
-    rows = np.zeros((int(ends[-1]) if len(ends) else 0, int(widths.max()) + tail))
-    end = 0
-    for placed in factors:
-        begin, end = end, end + len(placed.first)
-        row = begins[begin:end, None] + np.arange(placed.factors.rows.shape[1])
-        column = placed.columns(widths[placed.first], tail)
-        rows[row[:, :, None], column[:, None, :]] = placed.factors.rows
-    return rows, starts.tolist()

@@ -16,7 +16,7 @@ from trackfg.factors.marginal_prior import PriorRows
 from trackfg.factors.states import KEYFRAME_DIM, SHARED_DIM, Kind, States
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.kernels import compiled_kernels
-from trackfg.solver.elimination import stacked_pair
+from trackfg.solver.placed_factors import stacked_pair
 
 _NO_INERTIAL = InertialFactors(())
 

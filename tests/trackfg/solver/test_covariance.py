@@ -30,7 +30,8 @@ from trackfg.solver.covariance import (
     posterior_samples,
     times_covariance,
 )
-from trackfg.solver.elimination import compressed, eliminate, eliminate_pair, eliminate_with_marginals, stacked_pair
+from trackfg.solver.elimination import compressed, eliminate, eliminate_pair, eliminate_with_marginals
+from trackfg.solver.placed_factors import stacked_pair
 from trackfg.solver.square_root import SquareRoot
 
 

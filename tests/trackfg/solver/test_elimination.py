@@ -8,7 +8,8 @@ import pytest
 from trackfg.errors import UnsolvableError
 from trackfg.factors.family import LinearFactors, Slot
 from trackfg.factors.states import KEYFRAME_DIM, SHARED_DIM, Kind, offset_in_keyframe
-from trackfg.solver.elimination import compressed, eliminate, eliminate_pair, stacked_pair
+from trackfg.solver.elimination import compressed, eliminate, eliminate_pair
+from trackfg.solver.placed_factors import stacked_pair
 
 KEYFRAMES = 2
 
