@@ -6,7 +6,7 @@ from pathlib import Path
 
 from trackfg.errors import BadInputError
 from trackfg.files.atomic_file import replaced_file
-from trackfg.interchange.exporting.located import origin_of
+from trackfg.interchange.exporting.located_tables import origin_of
 from trackfg.interchange.exporting.result_format import ExportOptions, ResultFormat
 from trackfg.results.result import Result
 

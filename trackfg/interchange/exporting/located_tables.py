@@ -1,4 +1,4 @@
-"""Each place of the geometry with its time and its position: what most other systems address by."""
+"""Located tables have the time and the position of each row of a result: what most other systems address by."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from trackfg.results.official_places import line_kilometrage, with_km
 from trackfg.results.result import Result
 
 PLACE_COLUMNS = ("t_s", "east_m", "north_m", "up_m")
-"""What :func:`located_geometry` adds for every result."""
+"""Columns that :func:`located_geometry` adds for every result."""
 
 GEODETIC_COLUMNS = ("latitude_deg", "longitude_deg", "height_m")
-"""What it adds where the result has a place on the Earth (WGS 84)."""
+"""Columns that it adds where the result has a place on the Earth (WGS 84)."""
 
 _DATES = {"t_s": "time_utc", "start_s": "start_utc", "end_s": "end_utc"}
 """Columns of times, s, and those of their dates."""

@@ -21,7 +21,7 @@ from trackfg.errors import BadInputError, OutputError
 from trackfg.interchange.exporting.channels import read_template
 from trackfg.interchange.exporting.export import export_result
 from trackfg.interchange.exporting.formats.rcm_dx import _forward
-from trackfg.interchange.exporting.located import GEODETIC_COLUMNS, PLACE_COLUMNS, located_geometry, table_of
+from trackfg.interchange.exporting.located_tables import GEODETIC_COLUMNS, PLACE_COLUMNS, located_geometry, table_of
 from trackfg.interchange.exporting.registry import result_format, result_formats
 from trackfg.interchange.exporting.result_format import ExportOptions
 from trackfg.mapping import build_map

@@ -12,7 +12,13 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from trackfg.files.libraries import library
-from trackfg.interchange.exporting.located import GEODETIC_COLUMNS, located_trajectory, start_of, table_of, travelled_m
+from trackfg.interchange.exporting.located_tables import (
+    GEODETIC_COLUMNS,
+    located_trajectory,
+    start_of,
+    table_of,
+    travelled_m,
+)
 from trackfg.interchange.exporting.result_format import ExportOptions, ResultFormat
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.geometry_blob import line_wkb, point_wkb

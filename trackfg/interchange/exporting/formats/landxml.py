@@ -7,20 +7,19 @@ not the design's vertical curves.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from trackfg.curves import Curve, find_curves
-from trackfg.curves.transition_laws import LAWS, TransitionLaw, rise
+from trackfg.curves import find_curves
+from trackfg.curves.transition_laws import TransitionLaw
 from trackfg.errors import BadInputError
 from trackfg.files.libraries import library
-from trackfg.interchange.exporting.located import located_geometry, origin_of, start_of
+from trackfg.interchange.exporting.alignment_elements import AlignmentElement, alignment_elements
+from trackfg.interchange.exporting.located_tables import located_geometry, origin_of, start_of
 from trackfg.interchange.exporting.result_format import ExportOptions, ResultFormat
-from trackfg.numerics.arrays import Array
 from trackfg.numerics.chainage.kilometrage import Kilometrage
 from trackfg.results.official_places import line_kilometrage
 from trackfg.results.result import Result
@@ -36,23 +35,8 @@ _SPIRALS: dict[TransitionLaw, str] = {
 }
 """LandXML's names of the laws."""
 
-_SHORTEST_M = 0.01
-"""Elements below the resolution of coordinates in such files are left out, m."""
-
 _STEP_M = 0.05
 """Step of the integration of headings to coordinates, m: Simpson's rule errs by 1e-12 m in a circle of 100 m."""
-
-
-@dataclass(frozen=True)
-class _Element:
-    """An element of the plan: curvature (1/m, left positive) and cant (mm, left rail higher) at both ends."""
-
-    length_m: float
-    start: float
-    end: float
-    start_cant_mm: float
-    end_cant_mm: float
-    law: TransitionLaw = "clothoid"
 
 
 class LandXml(ResultFormat):
@@ -75,28 +59,35 @@ class LandXml(ResultFormat):
         conventions = result.summary.geometry
         curves = find_curves(measured, base_m=conventions.curvature_base_m)
         start, end = float(geometry["chainage_m"].iloc[0]), float(geometry["chainage_m"].iloc[-1])
-        elements = _elements(curves, start, end)
+        elements = alignment_elements(curves, start, end)
         first = geometry[["north_m", "east_m"]].to_numpy()
         ahead = first[min(len(first) - 1, round(2.0 / conventions.step_m))] - first[0]
         heading = float(np.arctan2(ahead[0], ahead[1]))
-        etree = library("lxml.etree", "xml")
-        root = etree.Element(f"{{{_NAMESPACE}}}LandXML", nsmap={None: _NAMESPACE}, version="1.2")
-        date = start_of(result) or pd.Timestamp(0)  # the schema wants one
-        root.set("date", f"{date:%Y-%m-%d}")
-        root.set("time", f"{date:%H:%M:%S}")
-        metric = {"linearUnit": "meter", "areaUnit": "squareMeter", "volumeUnit": "cubicMeter"}
-        metric |= {"angularUnit": "radians", "temperatureUnit": "celsius", "pressureUnit": "HPA"}
-        _child(_child(root, "Units"), "Metric", **metric)
-        if (origin := origin_of(result)) is not None:
-            where = "{:.9f}, longitude {:.9f} (WGS 84)".format(*origin[:2])
-            _child(root, "CoordinateSystem", name="local", desc=f"north and east, m, from latitude {where}")
+        root = _document(result)
         extent = {"staStart": f"{start:.6f}", "length": f"{sum(element.length_m for element in elements):.6f}"}
         alignment = _child(_child(root, "Alignments"), "Alignment", name=result.summary.recording_id, **extent)
         _plan(_child(alignment, "CoordGeom"), elements, complex(first[0, 1], first[0, 0]), heading)
         if options.km:
             _equations(alignment, line_kilometrage(result).kilometrage(), start, end)
         _cant(alignment, elements, start, conventions.gauge_m)
-        etree.ElementTree(root).write(str(path), xml_declaration=True, encoding="utf-8", pretty_print=True)
+        library("lxml.etree", "xml").ElementTree(root).write(
+            str(path), xml_declaration=True, encoding="utf-8", pretty_print=True
+        )
+
+
+def _document(result: Result) -> Any:
+    """Return the root of a document with its date, units and coordinate system."""
+    root = library("lxml.etree", "xml").Element(f"{{{_NAMESPACE}}}LandXML", nsmap={None: _NAMESPACE}, version="1.2")
+    date = start_of(result) or pd.Timestamp(0)  # the schema wants one
+    root.set("date", f"{date:%Y-%m-%d}")
+    root.set("time", f"{date:%H:%M:%S}")
+    metric = {"linearUnit": "meter", "areaUnit": "squareMeter", "volumeUnit": "cubicMeter"}
+    metric |= {"angularUnit": "radians", "temperatureUnit": "celsius", "pressureUnit": "HPA"}
+    _child(_child(root, "Units"), "Metric", **metric)
+    if (origin := origin_of(result)) is not None:
+        where = "{:.9f}, longitude {:.9f} (WGS 84)".format(*origin[:2])
+        _child(root, "CoordinateSystem", name="local", desc=f"north and east, m, from latitude {where}")
+    return root
 
 
 def _equations(alignment: Any, kilometrage: Kilometrage, start: float, end: float) -> None:
@@ -114,58 +105,14 @@ def _child(parent: Any, tag: str, text: str | None = None, **attributes: str) ->
     return child
 
 
-def _elements(curves: list[Curve], start: float, end: float) -> list[_Element]:
-    """Return the elements between two chainages; what lies beyond an end of the profile is cut off there."""
-    elements: list[_Element] = []
-    at, previous = start, None
-    for curve in curves:
-        begin, stop = max(np.nan_to_num(curve.bcc_m, nan=start), start), min(np.nan_to_num(curve.ecc_m, nan=end), end)
-        curvature, cant = curve.curvature_1pm, curve.cant_mm * -np.sign(curve.curvature_1pm)
-        # Curves whose ends are not known (NaN) are joined, too.
-        if previous is not None and not curve.btc_m > previous.etc_m + _SHORTEST_M:
-            last = elements[-1]
-            elements.append(_Element(begin - at, last.end, curvature, last.end_cant_mm, cant, _law(curve.law_in)))
-        else:
-            if previous is not None:
-                elements.append(_exit(previous, at))
-                at += elements[-1].length_m
-            straight = np.nan_to_num(curve.btc_m, nan=at)
-            elements.append(_Element(max(straight - at, 0.0), 0.0, 0.0, 0.0, 0.0))
-            at = max(straight, at)
-            elements.append(_Element(begin - at, 0.0, curvature, 0.0, cant, _law(curve.law_in)))
-        elements.append(_Element(stop - begin, curvature, curvature, cant, cant))
-        at, previous = stop, curve
-    if previous is not None and at < end:
-        elements.append(_exit(previous, at))
-        at += elements[-1].length_m
-    elements.append(_Element(end - at, 0.0, 0.0, 0.0, 0.0))
-    return [element for element in elements if element.length_m > _SHORTEST_M]
-
-
-def _exit(curve: Curve, at: float) -> _Element:
-    cant = curve.cant_mm * -np.sign(curve.curvature_1pm)
-    length = np.nan_to_num(curve.etc_m, nan=at) - at
-    return _Element(max(length, 0.0), curve.curvature_1pm, 0.0, float(cant), 0.0, _law(curve.law_out))
-
-
-def _law(law: str) -> TransitionLaw:
-    return next((transition for transition in LAWS if transition == law), "clothoid")
-
-
-def _headings(element: _Element, x: Array) -> Array:
-    """Return the turn since the element's start, rad, at places x (m,) of it."""
-    _, first, _ = rise(element.law, x / element.length_m)
-    return np.asarray(element.start * x + (element.end - element.start) * element.length_m * first)
-
-
-def _plan(node: Any, elements: list[_Element], place: complex, heading: float) -> None:
+def _plan(node: Any, elements: list[AlignmentElement], place: complex, heading: float) -> None:
     """Write the elements with their ends; LandXML has northing before easting."""
     from scipy.integrate import simpson  # late: other formats need none of what it imports
 
     for element in elements:
         count = 2 * max(1, int(np.ceil(element.length_m / (2 * _STEP_M)))) + 1
         x = np.linspace(0.0, element.length_m, count)
-        headings = heading + _headings(element, x)
+        headings = heading + element.headings(x)
         end = place + complex(simpson(np.exp(1j * headings), x=x))
         length = f"{element.length_m:.6f}"
         rot = "ccw" if element.start + element.end > 0.0 else "cw"
@@ -197,7 +144,7 @@ def _point(place: complex) -> str:
     return f"{place.imag:.6f} {place.real:.6f}"
 
 
-def _cant(alignment: Any, elements: list[_Element], start: float, gauge_m: float) -> None:
+def _cant(alignment: Any, elements: list[AlignmentElement], start: float, gauge_m: float) -> None:
     """Write a station where an element with cant begins or ends."""
     edges = np.concatenate([[0.0], np.cumsum([element.length_m for element in elements])])
     node = _child(alignment, "Cant", name="cant", gauge=f"{gauge_m:.4f}", rotationPoint="center")

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from trackfg.files.libraries import library
-from trackfg.interchange.exporting.located import located_trajectory, quaternions_of, start_of
+from trackfg.interchange.exporting.located_tables import located_trajectory, quaternions_of, start_of
 from trackfg.interchange.exporting.result_format import ExportOptions, ResultFormat
 from trackfg.results.result import Result
 

@@ -17,7 +17,7 @@ import numpy as np
 from trackfg import __version__
 from trackfg.errors import BadInputError
 from trackfg.files.libraries import library
-from trackfg.interchange.exporting.located import direction_of, located_geometry, start_of, travelled_m
+from trackfg.interchange.exporting.located_tables import direction_of, located_geometry, start_of, travelled_m
 from trackfg.interchange.exporting.result_format import ExportOptions, ResultFormat
 from trackfg.numerics.arrays import Array
 from trackfg.recording.line_kilometrage import LineKilometrage

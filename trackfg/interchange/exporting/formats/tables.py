@@ -11,7 +11,7 @@ import pyarrow.csv
 from trackfg.errors import BadInputError
 from trackfg.files.libraries import library
 from trackfg.interchange.exporting.channels import channel_table, read_template
-from trackfg.interchange.exporting.located import origin_of, start_of, table_of
+from trackfg.interchange.exporting.located_tables import origin_of, start_of, table_of
 from trackfg.interchange.exporting.result_format import ExportOptions, ResultFormat
 from trackfg.results.columns import BAND_COLUMNS
 from trackfg.results.result import Result

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from trackfg.interchange.exporting.located import quaternions_of
+from trackfg.interchange.exporting.located_tables import quaternions_of
 from trackfg.interchange.exporting.result_format import ExportOptions, ResultFormat
 from trackfg.results.result import Result
 
