@@ -5,6 +5,9 @@
 // and reads them again as they are needed. A thread watches what the process holds in memory, and where that comes
 // near the limit, lets go of the heap's free pages, which malloc keeps, and of the file's pages: what is in these stays
 // in the file. Values do not depend on any of this.
+//
+// The kernel clears each page of a file before its first use, which is dear, so the file must not grow while gaps are
+// left in it. An array that no gap holds is mapped piece by piece, from several gaps, at addresses that follow.
 #include "arrays.h"
 
 #if defined(__linux__)
@@ -13,6 +16,7 @@
 #include <sys/mman.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <atomic>
 #include <chrono>
 #include <cstdio>
@@ -21,6 +25,7 @@
 #include <mutex>
 #include <system_error>
 #include <thread>
+#include <vector>
 
 namespace {
 
@@ -39,14 +44,67 @@ constexpr char HANDLER_NAME[] = "mem_handler";
 constexpr char NUMPYS_OWN[] = "default_allocator";  // numpy's own handler, whose memory is malloc's
 constexpr int SET_HANDLER = 304, GET_HANDLER = 305;
 
-constexpr std::size_t LARGE = std::size_t{1} << 20;      // bytes of an array that may lie in the file: 256 pages
+constexpr std::size_t LARGE = std::size_t{1} << 21;      // bytes of an array that may lie in the file: a large page
 constexpr std::size_t BLOCK = std::size_t{1} << 24;      // bytes that no array of one block of a long run has: 16 MiB
-constexpr std::size_t RESERVED = std::size_t{1} << 38;   // addresses for the file, bytes: 256 GiB
+constexpr std::size_t RESERVED = std::size_t{1} << 38;   // addresses for the file, and for pieces, bytes: 256 GiB
 constexpr std::size_t GROWTH = std::size_t{64} << 20;    // bytes that the file grows by at least
-constexpr std::size_t PAGE = std::size_t{1} << 16;       // places begin at multiples of this: of all sizes of pages
+constexpr std::size_t PAGE = std::size_t{1} << 21;       // places begin at multiples of this: of all sizes of pages
 constexpr auto WATCHED_EVERY = std::chrono::milliseconds(1);  // in which a process faults in some 50 pages of 2 MiB
 
-// Places in a file that is mapped as a whole. What they hold stays there when its pages are let go of.
+struct Range {
+    std::size_t begin, length;
+};
+
+// Ranges of whole pages that are free, by where they begin.
+class Gaps {
+  public:
+    void add(std::size_t begin, std::size_t length) {
+        total_ += length;
+        auto next = lengths_.lower_bound(begin);
+        if (next != lengths_.end() && begin + length == next->first) {
+            length += next->second;
+            next = lengths_.erase(next);
+        }
+        if (next != lengths_.begin() && std::prev(next)->first + std::prev(next)->second == begin)
+            std::prev(next)->second += length;
+        else
+            lengths_[begin] = length;
+    }
+
+    // Take the first gap of that length, or the beginning of it; false where there is none.
+    bool take(std::size_t length, std::size_t &begin) {
+        auto gap = lengths_.begin();
+        while (gap != lengths_.end() && gap->second < length) ++gap;
+        if (gap == lengths_.end()) return false;
+        begin = gap->first;
+        take_of(gap, length);
+        return true;
+    }
+
+    // Take the first gap, or the beginning of it where it is longer than that.
+    Range take_first(std::size_t length) {
+        const auto gap = lengths_.begin();
+        const Range range{gap->first, std::min(gap->second, length)};
+        take_of(gap, range.length);
+        return range;
+    }
+
+    std::size_t total() const { return total_; }
+
+  private:
+    void take_of(std::map<std::size_t, std::size_t>::iterator gap, std::size_t length) {
+        const auto [begin, free] = *gap;
+        lengths_.erase(gap);
+        if (free > length) lengths_[begin + length] = free - length;
+        total_ -= length;
+    }
+
+    std::map<std::size_t, std::size_t> lengths_;
+    std::size_t total_ = 0;
+};
+
+// Places in a file that is mapped as a whole, and behind it in pieces. What they hold stays there when its pages are let
+// go of.
 class ScratchFile {
   public:
     ScratchFile(int file, std::size_t limit) : file_(file), limit_(limit) {}
@@ -60,7 +118,7 @@ class ScratchFile {
             wake_.notify_all();
             watch_.join();
         }
-        if (base_ != nullptr) munmap(base_, RESERVED);
+        if (base_ != nullptr) munmap(reserved_, 2 * RESERVED + PAGE);
         close(file_);
         close(statm_);
     }
@@ -70,73 +128,114 @@ class ScratchFile {
 
     bool holds(const void *place) const {
         const char *base = base_.load(), *at = static_cast<const char *>(place);
-        if (base == nullptr || at < base || at >= base + RESERVED) return false;
+        if (base == nullptr || at < base || at >= base + 2 * RESERVED) return false;
         return !forked() || places_.count(at - base) != 0;  // a forked process may use these addresses otherwise
     }
 
-    // A place of so many bytes, from the first gap that is long enough; null where the file cannot grow.
+    // A place of so many bytes, in the first gap that is long enough or in pieces; null where the file cannot grow.
     void *take(std::size_t bytes) {
         if (forked()) return nullptr;
         const std::size_t length = (bytes + PAGE - 1) / PAGE * PAGE;
         const std::lock_guard<std::mutex> lock(mutex_);
         let_go();
-        auto gap = gaps_.begin();
-        while (gap != gaps_.end() && gap->second < length) ++gap;
-        if (gap == gaps_.end()) {
-            if (!grow(length)) return nullptr;
-            gap = std::prev(gaps_.end());
+        if (base_ == nullptr && !reserve()) return nullptr;
+        std::size_t begin = 0;
+        if (gaps_.take(length, begin)) {
+            places_[begin] = {{begin, length}};
+            return base_ + begin;
         }
-        const auto [begin, free] = *gap;
-        gaps_.erase(gap);
-        if (free > length) gaps_[begin + length] = free - length;
-        places_[begin] = length;
+        if (gaps_.total() < length && !grow(length - gaps_.total())) return nullptr;
+        if (!gaps_.take(length, begin)) return take_in_pieces(length);
+        places_[begin] = {{begin, length}};
         return base_ + begin;
     }
 
     std::size_t length(const void *place) {
         const std::lock_guard<std::mutex> lock(mutex_);
-        return places_.at(static_cast<const char *>(place) - base_);
+        return length_of(places_.at(static_cast<const char *>(place) - base_));
     }
 
     void give(void *place) {
         if (forked()) return;
         const std::lock_guard<std::mutex> lock(mutex_);
         const auto own = places_.find(static_cast<char *>(place) - base_);
-        add_gap(own->first, own->second);
+        give_pieces(own->first, own->second);
         places_.erase(own);
     }
 
   private:
-    void add_gap(std::size_t begin, std::size_t length) {
-        auto next = gaps_.lower_bound(begin);
-        if (next != gaps_.end() && begin + length == next->first) {
-            length += next->second;
-            next = gaps_.erase(next);
-        }
-        if (next != gaps_.begin() && std::prev(next)->first + std::prev(next)->second == begin)
-            std::prev(next)->second += length;
-        else
-            gaps_[begin] = length;
+    using Pieces = std::vector<Range>;  // of the file, one after the other
+
+    static std::size_t length_of(const Pieces &pieces) {
+        std::size_t length = 0;
+        for (const Range &piece : pieces) length += piece.length;
+        return length;
     }
 
-    // Make the gap at the end as long as that. Its blocks are allocated: a disk that is full is noticed here.
-    bool grow(std::size_t length) {
-        if (base_ == nullptr) {
-            void *mapped = mmap(nullptr, RESERVED, PROT_READ | PROT_WRITE, MAP_SHARED | MAP_NORESERVE, file_, 0);
-            if (mapped == MAP_FAILED) return false;
-            madvise(mapped, RESERVED, MADV_DONTFORK);  // a child process would write into its parent's arrays
-            madvise(mapped, RESERVED, MADV_HUGEPAGE);  // one page fault every 2 MiB where the file system has such pages
-            base_ = static_cast<char *>(mapped);
-            try {
-                watch_ = std::thread(&ScratchFile::watch, this);
-            } catch (const std::system_error &) {  // no more threads are allowed: take() lets go of pages alone
-            }
+    void give_pieces(std::size_t begin, const Pieces &pieces) {
+        for (const Range &piece : pieces) gaps_.add(piece.begin, piece.length);
+        if (begin < RESERVED) return;
+        const std::size_t length = length_of(pieces);
+        map(base_ + begin, length, -1, 0);
+        windows_.add(begin, length);
+    }
+
+    // Map gaps side by side, behind the whole file. Their pages at their own addresses are let go of: a page counts to
+    // what the process holds wherever it is mapped.
+    void *take_in_pieces(std::size_t length) {
+        std::size_t begin = 0;
+        if (!windows_.take(length, begin)) return nullptr;
+        Pieces pieces;
+        bool mapped = true;
+        for (std::size_t done = 0; done < length; done += pieces.back().length) {
+            pieces.push_back(gaps_.take_first(length - done));
+            const Range &piece = pieces.back();
+            madvise(base_ + piece.begin, piece.length, MADV_DONTNEED);
+            mapped = mapped && map(base_ + begin + done, piece.length, file_, piece.begin);
         }
-        const auto last = gaps_.empty() ? gaps_.end() : std::prev(gaps_.end());
-        const std::size_t there = last != gaps_.end() && last->first + last->second == size_ ? last->second : 0;
-        const std::size_t wanted = length - there, more = wanted > GROWTH ? wanted : GROWTH;
+        if (!mapped) {  // no more mappings are allowed
+            give_pieces(begin, pieces);
+            return nullptr;
+        }
+        places_[begin] = std::move(pieces);
+        return base_ + begin;
+    }
+
+    // Map a range of the file at an address, or nothing there without a file.
+    static bool map(char *at, std::size_t length, int file, std::size_t begin) {
+        const int what = file < 0 ? MAP_PRIVATE | MAP_ANONYMOUS : MAP_SHARED;
+        const int access = file < 0 ? PROT_NONE : PROT_READ | PROT_WRITE;
+        if (mmap(at, length, access, what | MAP_FIXED | MAP_NORESERVE, file, begin) == MAP_FAILED) return false;
+        madvise(at, length, MADV_DONTFORK);  // a child process would write into its parent's arrays
+        madvise(at, length, MADV_HUGEPAGE);  // one page fault every 2 MiB where the file system has such pages
+        return true;
+    }
+
+    // Reserve addresses, map the file, which is empty, and begin to watch.
+    bool reserve() {
+        void *reserved = mmap(nullptr, 2 * RESERVED + PAGE, PROT_NONE, MAP_PRIVATE | MAP_ANONYMOUS | MAP_NORESERVE, -1, 0);
+        if (reserved == MAP_FAILED) return false;
+        char *base = static_cast<char *>(reserved);
+        base += (PAGE - reinterpret_cast<std::uintptr_t>(base) % PAGE) % PAGE;
+        if (!map(base, RESERVED, file_, 0)) {
+            munmap(reserved, 2 * RESERVED + PAGE);
+            return false;
+        }
+        reserved_ = reserved;
+        windows_.add(RESERVED, RESERVED);
+        base_ = base;
+        try {
+            watch_ = std::thread(&ScratchFile::watch, this);
+        } catch (const std::system_error &) {  // no more threads are allowed: take() lets go of pages alone
+        }
+        return true;
+    }
+
+    // Make the gaps longer by that. The file's blocks are allocated: a disk that is full is noticed here.
+    bool grow(std::size_t length) {
+        const std::size_t more = std::max(length, GROWTH);
         if (size_ + more > RESERVED || posix_fallocate(file_, size_, more) != 0) return false;
-        add_gap(size_, more);
+        gaps_.add(size_, more);
         size_ += more;
         return true;
     }
@@ -164,6 +263,8 @@ class ScratchFile {
         const Held held = held_now();
         if (held.heap + held.of_files < limit_ / 10 * 8 || held.of_files < of_others_ + limit_ / 20) return;
         madvise(base_, size_, MADV_DONTNEED);
+        for (const auto &[begin, pieces] : places_)
+            if (begin >= RESERVED) madvise(base_ + begin, length_of(pieces), MADV_DONTNEED);
         of_others_ = held_now().of_files;
     }
 
@@ -185,11 +286,13 @@ class ScratchFile {
     const pid_t process_ = getpid();
     const int statm_ = open("/proc/self/statm", O_RDONLY | O_CLOEXEC);
     const std::size_t page_ = sysconf(_SC_PAGESIZE);
+    void *reserved_ = nullptr;
     std::atomic<char *> base_{nullptr};
     std::size_t size_ = 0;
     std::size_t of_others_ = 0;  // bytes of other files in memory, as those of libraries, when pages were let go of
     std::size_t trimmed_ = 0;  // bytes of the heap in memory after its free pages were let go of
-    std::map<std::size_t, std::size_t> gaps_, places_;  // lengths by beginnings
+    Gaps gaps_, windows_;  // of the file, and of the addresses behind it
+    std::map<std::size_t, Pieces> places_;
     std::mutex mutex_;
     std::condition_variable wake_;
     std::thread watch_;

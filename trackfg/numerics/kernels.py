@@ -13,7 +13,7 @@ import numpy as np
 
 from trackfg.numerics.arrays import Array
 
-_REVISION = 33
+_REVISION = 34
 """Revision of the kernels' arguments, as in ``kernels/module.cpp``. A module with another one was compiled from other
 sources and is not used.
 """

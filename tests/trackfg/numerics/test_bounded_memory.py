@@ -77,10 +77,35 @@ from trackfg.numerics.bounded_memory import bounded_memory
 
 with bounded_memory(1, Path(sys.argv[1])):
     with bounded_memory(1_000_000_000, Path(sys.argv[1])):
-        columns = [np.ones(2**17) for _ in range(3)]  # whole places, one next to the other
-    assert sum(column.sum() for column in columns) == 3 * 2**17
+        columns = [np.ones(2**18) for _ in range(3)]  # whole places, one next to the other
+    assert sum(column.sum() for column in columns) == 3 * 2**18
 """
 """Makes arrays in the file of the outer of two limits."""
+
+_FRAGMENTED = """
+import os
+import sys
+from pathlib import Path
+import numpy as np
+from trackfg.numerics.bounded_memory import bounded_memory
+
+def size():
+    links = [entry.path for entry in os.scandir("/proc/self/fd") if os.readlink(entry.path).startswith(sys.argv[1])]
+    return os.stat(links[0]).st_size
+
+with bounded_memory(1, Path(sys.argv[1])):
+    columns = [np.full(2**20, float(i)) for i in range(16)]
+    allocated = size()
+    for _ in range(2):
+        del columns[::2]
+        long = np.arange(7.0 * 2**20)
+        assert long.sum() == 0.5 * 7 * 2**20 * (7 * 2**20 - 1)
+        assert [column.min() for column in columns] == [column.max() for column in columns] == list(range(1, 16, 2))
+        del long
+        columns = [column for i, column in enumerate(columns) for column in (np.full(2**20, 2.0 * i), column)]
+    assert size() == allocated
+"""
+"""Makes an array of 56 MiB twice where the file has gaps of 8 MiB."""
 
 
 @in_file
@@ -124,8 +149,8 @@ def test_arrays_outlive_the_limit(tmp_path: Path) -> None:
 
 
 @in_file
-@pytest.mark.parametrize("program", [_FORK, _NESTED], ids=["forked", "nested"])
-def test_a_forked_process_and_a_limit_inside_another_do_no_harm(program: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize("program", [_FORK, _NESTED, _FRAGMENTED], ids=["forked", "nested", "fragmented"])
+def test_forks_and_nested_limits_do_no_harm_and_gaps_are_filled(program: str, tmp_path: Path) -> None:
     command = [sys.executable, "-W", "ignore", "-c", program, str(tmp_path)]
     run = subprocess.run(command, check=False, capture_output=True, text=True)
     assert run.returncode == 0, run.stderr
