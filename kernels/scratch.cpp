@@ -49,7 +49,7 @@ constexpr std::size_t BLOCK = std::size_t{1} << 24;      // bytes that no array 
 constexpr std::size_t RESERVED = std::size_t{1} << 38;   // addresses for the file, and for pieces, bytes: 256 GiB
 constexpr std::size_t GROWTH = std::size_t{64} << 20;    // bytes that the file grows by at least
 constexpr std::size_t PAGE = std::size_t{1} << 21;       // places begin at multiples of this: of all sizes of pages
-constexpr auto WATCHED_EVERY = std::chrono::milliseconds(1);  // in which a process faults in some 50 pages of 2 MiB
+constexpr std::size_t FASTEST = std::size_t{100} << 20;  // bytes of the file that a process faults in within 1 ms
 
 struct Range {
     std::size_t begin, length;
@@ -137,7 +137,7 @@ class ScratchFile {
         if (forked()) return nullptr;
         const std::size_t length = (bytes + PAGE - 1) / PAGE * PAGE;
         const std::lock_guard<std::mutex> lock(mutex_);
-        let_go();
+        let_go(held_now());
         if (base_ == nullptr && !reserve()) return nullptr;
         std::size_t begin = 0;
         if (gaps_.take(length, begin)) {
@@ -164,6 +164,10 @@ class ScratchFile {
     }
 
   private:
+    struct Held {
+        std::size_t heap, of_files;
+    };
+
     using Pieces = std::vector<Range>;  // of the file, one after the other
 
     static std::size_t length_of(const Pieces &pieces) {
@@ -240,18 +244,22 @@ class ScratchFile {
         return true;
     }
 
+    // Look at what the process holds, and twice again before it can reach the limit.
     void watch() {
         std::unique_lock<std::mutex> lock(mutex_);
-        while (!wake_.wait_for(lock, WATCHED_EVERY, [this] { return ended_; })) {
-            trim_heap();
-            let_go();
+        auto pause = std::chrono::milliseconds(1);
+        while (!wake_.wait_for(lock, pause, [this] { return ended_; })) {
+            trim_heap(held_now());
+            const Held held = held_now();
+            let_go(held);
+            const std::size_t left = limit_ - std::min(limit_, held.heap + held.of_files);
+            pause = std::chrono::milliseconds(std::max(std::size_t{1}, left / FASTEST / 2));
         }
     }
 
     // Let go of the heap's free pages where the process holds much, and its heap has grown.
-    void trim_heap() {
+    void trim_heap(const Held &held) {
 #if defined(__GLIBC__)
-        const Held held = held_now();
         if (held.heap + held.of_files < limit_ / 10 * 8 || held.heap <= trimmed_ + limit_ / 10) return;
         malloc_trim(0);
         trimmed_ = held_now().heap;
@@ -259,18 +267,13 @@ class ScratchFile {
     }
 
     // Let go of the file's pages where the process holds much, and enough of it is the file's.
-    void let_go() {
-        const Held held = held_now();
+    void let_go(const Held &held) {
         if (held.heap + held.of_files < limit_ / 10 * 8 || held.of_files < of_others_ + limit_ / 20) return;
         madvise(base_, size_, MADV_DONTNEED);
         for (const auto &[begin, pieces] : places_)
             if (begin >= RESERVED) madvise(base_ + begin, length_of(pieces), MADV_DONTNEED);
         of_others_ = held_now().of_files;
     }
-
-    struct Held {
-        std::size_t heap, of_files;
-    };
 
     // Bytes that the process holds in memory: those of files, and all others.
     Held held_now() const {
