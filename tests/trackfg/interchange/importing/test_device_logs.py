@@ -230,6 +230,18 @@ def _units_above_the_names(drive: Drive, folder: Path) -> Path:
     return _lines(folder / "test_001.lvm", head + rows)
 
 
+def _times_of_each_channel(drive: Drive, folder: Path) -> Path:
+    """LabVIEW has times before each channel, and numbers of samples in as many cells as a row has values."""
+    values = _values(drive) / [1.0, *[DEG] * 3, *[G] * 3, 1.0 / 3.6]
+    names = ["Gyro X", "Gyro Y", "Gyro Z", "Acc X", "Acc Y", "Acc Z", "Wheel speed"]
+    head = ["LabVIEW Measurement", "Separator\tTab", "X_Columns\tMulti", "***End_of_Header***", "", "Channels\t7"]
+    cells = (("Samples", ["2000"] * 7), ("Y_Unit_Label", ["deg/s"] * 3 + ["g"] * 3 + ["km/h"]), ("X0", ["0"] * 7))
+    head += [f"{name}\t" + "\t\t".join(of_channels) for name, of_channels in cells]
+    head += ["***End_of_Header***", "\t".join(f"X_Value\t{name}" for name in names) + "\tComment"]
+    rows = ["\t".join(f"{row[0]:.3f}\t{value:.7f}" for value in row[1:]) for row in values]
+    return _lines(folder / "test_001.lvm", head + rows)
+
+
 def _packets_of_samples(drive: Drive, folder: Path) -> Path:
     """Movesense sends eight samples with one time."""
 
@@ -331,6 +343,7 @@ WITH_A_WHEEL = (
     _axes_alone, _axes_alone_and_numbered, _pairs, _pairs_of_a_serial_monitor, _pairs_with_units,
     _pairs_of_a_time_series, _pairs_in_braces, _units_in_cells, _names_in_lines_of_data,
     _numbers_of_a_clock_without_zeros, _twelve_hours_without_a_date, _lines_above_filled_up, _units_above_the_names,
+    _times_of_each_channel,
     _words_that_end_in_y, _counts_of_a_unit, _a_receiver_s_speed_first, _a_counter_that_stays,
     _pairs_of_a_phone_s_log, _records_in_a_text_file, _columns_with_units_in_json, _merged_names,
 )  # fmt: skip

@@ -4,17 +4,22 @@ from __future__ import annotations
 
 import json
 import sqlite3
+import struct
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
+import pyarrow as pa
+import pyarrow.parquet
 import pytest
 from interchange.foreign_forms import Drive
 
 from trackfg.interchange.importing.conversion import Imported
 from trackfg.interchange.importing.delimited.written_numbers import with_numbers
+from trackfg.interchange.importing.registry import source_format
 from trackfg.interchange.importing.shapes.array_tables import tables_of_arrays
+from trackfg.interchange.importing.shapes.binary_points import points_of, systems_of
 from trackfg.interchange.importing.source_table import SourceTable
 from trackfg.numerics import geodesy
 from trackfg.recording.model import Recording
@@ -183,6 +188,45 @@ def test_numbers_that_stand_for_none(
     recording = _recording(imported(write({"imu": {**_imu(drive), "wheel_speed_kmh": speeds}}, source)), drive)
     assert recording.tach is not None
     assert np.ptp(recording.tach["distance_m"]) == pytest.approx(np.trapezoid(drive.speed, drive.t), rel=0.02)
+
+
+def _point(x: float, y: float, z: float, kind: str) -> bytes:
+    head = {"iso": (1001,), "flat": (1,), "postgis": (0xA0000001, 4326)}[kind]
+    numbers = (x, y) if kind == "flat" else (x, y, z)
+    return struct.pack(f"<B{len(head)}I{len(numbers)}d", 1, *head, *numbers)
+
+
+@pytest.mark.parametrize("kind", ["iso", "flat", "postgis"])
+def test_points_in_bytes_of_geoparquet(kind: str, drive: Drive, tmp_path: Path, imported: Import) -> None:
+    source = tmp_path / "log"
+    source.mkdir()
+    _parquet({"imu": _imu(drive)}, source)
+    places = zip(drive.longitude, drive.latitude, drive.height, strict=True)
+    points = [_point(*place, kind) for place in places]
+    pd.DataFrame({"unix_time": drive.gnss_ns / 1e9, "geometry": points}).to_parquet(source / "gnss.parquet")
+    recording = _recording(imported(source), drive)
+    assert recording.gnss is not None
+    assert recording.gnss_origin is not None
+    assert recording.gnss_origin[0] == pytest.approx(drive.latitude[0], abs=1e-3)
+
+
+def test_bytes_that_are_no_points_are_named(tmp_path: Path) -> None:
+    table = pa.table({"t": [0.0, 0.1], "image": [b"abc", b"de"], "spectrum": [[1.0, 2.0], [3.0]]})
+    pa.parquet.write_table(table, tmp_path / "log.parquet")
+    (read,) = source_format(tmp_path / "log.parquet").tables(tmp_path / "log.parquet", lambda _: None)
+    assert read.columns == ["t"]
+    assert read.notes == ("log.parquet: columns of lists or bytes are not read: image, spectrum",)
+
+
+def test_the_reference_system_of_geoparquet_is_that_of_its_metadata() -> None:
+    geo = {"columns": {"a": {"crs": {"id": {"authority": "EPSG", "code": 25832}}}, "b": {}, "c": {"crs": None}}}
+    assert systems_of({b"geo": json.dumps(geo).encode()}) == {"a": {"25832"}, "b": set(), "c": set()}
+    assert systems_of(None) == {}
+    cells = [struct.pack("<BI2d", 1, 1, 400_000.0, 5_200_000.0), None]
+    named = points_of(cells, {"25832"})
+    assert named is not None
+    assert list(named) == ["easting EPSG:25832", "northing EPSG:25832"]
+    assert points_of([b"\x01\x02\x00\x00\x00" + bytes(16)], set()) is None  # a line
 
 
 def test_a_spreadsheet_states_its_sampling_rate_above_the_names(drive: Drive, tmp_path: Path, imported: Import) -> None:

@@ -36,6 +36,8 @@ def first_data_row(rows: list[list[str]], width: int) -> int | None:
     always = [i for i in range(width) if len(later) > 1 and all(row[i] and is_value(row[i]) for row in later)]
     last_names = max((i for i, row in enumerate(rows) if len(row) == width and _is_of_names(row, usual)), default=-1)
     for i, row in enumerate(rows):
+        if 0 in always and row and row[0] and not is_value(row[0]):
+            continue  # a line with a name in front, as of LabVIEW's ``Samples``
         if always and len(row) == width and all(row[k] and is_value(row[k]) for k in always):
             return i
         filled = [cell for cell in row if cell]

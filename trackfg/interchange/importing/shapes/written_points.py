@@ -51,14 +51,24 @@ def _columns(name: str, column: pd.Series) -> tuple[dict[str, pd.Series], str] |
     x, y = numbers["x"], numbers["y"]
     if points is None:
         return _of_pair(name, x, y)
-    srids = set(parts["srid"].dropna())
-    height = {"height": numbers["z"]} if numbers["z"].notna().any() and "M" not in set(parts["kind"].dropna()) else {}
-    if srids <= {_WGS_84} and x.between(*_LONGITUDES).all() and y.between(*_LATITUDES).all():
-        return {"longitude": x, "latitude": y, **height}, ""
-    system = f" EPSG:{srids.pop()}" if len(srids) == 1 else ""
-    if system == f" EPSG:{_WGS_84}":
+    z = numbers["z"] if numbers["z"].notna().any() and "M" not in set(parts["kind"].dropna()) else None
+    named = named_point(x, y, z, set(parts["srid"].dropna()))
+    return None if named is None else (named, "")
+
+
+def named_point(x: pd.Series, y: pd.Series, z: pd.Series | None, srids: set[str]) -> dict[str, pd.Series] | None:
+    """Return the columns of points (n,) by their names; None where they are not of the system that they state.
+
+    ``srids`` are codes of EPSG: of several, or of none where the points are no longitudes and latitudes, none is known.
+    """
+    height = {} if z is None else {"height": z}
+    known = x.notna() & y.notna()
+    if srids <= {_WGS_84} and x[known].between(*_LONGITUDES).all() and y[known].between(*_LATITUDES).all():
+        return {"longitude": x, "latitude": y, **height}
+    if srids == {_WGS_84}:
         return None  # no longitude is as large: the order is another one
-    return {f"easting{system}": x, f"northing{system}": y, **height}, ""
+    system = f" EPSG:{next(iter(srids))}" if len(srids) == 1 else ""
+    return {f"easting{system}": x, f"northing{system}": y, **height}
 
 
 def _of_pair(name: str, first: pd.Series, second: pd.Series) -> tuple[dict[str, pd.Series], str] | None:

@@ -19,11 +19,12 @@ import pyarrow.parquet
 from trackfg.errors import BadInputError
 from trackfg.interchange.importing.columns.column_names import in_one_level
 from trackfg.interchange.importing.shapes.array_tables import tables_of_arrays
+from trackfg.interchange.importing.shapes.binary_points import points_of, systems_of
 from trackfg.interchange.importing.source_format import readable, starts_with
 from trackfg.interchange.importing.source_table import SourceTable
 
-_ORC = ".orc"
-ARROW_SUFFIXES = (".parquet", ".pq", ".feather", ".arrow", ".ipc", _ORC)
+_ORC, _PARQUET = ".orc", (".parquet", ".pq")
+ARROW_SUFFIXES = (*_PARQUET, ".feather", ".arrow", ".ipc", _ORC)
 SQLITE_SUFFIXES = (".db", ".sqlite", ".sqlite3")
 ARRAY_SUFFIXES = (".npy", ".npz", ".mat")
 
@@ -37,7 +38,8 @@ _ROWS_AT_ONCE = 50_000
 
 def read_arrow(path: Path) -> list[SourceTable]:
     """Read a Parquet, Feather or Arrow file, a column at a time. Raises :class:`BadInputError` where it is none."""
-    units, columns, notes = {}, {}, []
+    units, columns, notes, left_out = {}, {}, [], []
+    systems = systems_of(_metadata(path))
     plain = (part for whole in _arrow_columns(path) for part in _without_nesting(*whole))
     for written, column in plain:
         name = in_one_level(written)
@@ -49,14 +51,35 @@ def read_arrow(path: Path) -> list[SourceTable]:
             columns[name], units[name] = column.cast(pa.duration("ns")).cast(pa.int64()).to_pandas(), "ns"
         elif pa.types.is_decimal(column.type):
             columns[name] = column.cast(pa.float64()).to_pandas()
-        elif not pa.types.is_nested(column.type) and not pa.types.is_binary(column.type):
+        elif _is_bytes(column.type):
+            points = points_of(column.to_pylist(), systems.get(written, set()))
+            columns |= points or {}
+            left_out += [] if points else [name]
+        elif pa.types.is_nested(column.type):
+            left_out.append(name)
+        else:
             columns[name] = (column.cast(pa.string()) if _is_text(column.type) else column).to_pandas()
+    if left_out:
+        notes.append(f"{path.name}: columns of lists or bytes are not read: {', '.join(left_out)}")
     return [SourceTable(path.name, pd.DataFrame(columns, copy=False), units, notes=tuple(notes))] if columns else []
+
+
+def _is_bytes(kind: pa.DataType) -> bool:
+    return pa.types.is_binary(kind) or pa.types.is_large_binary(kind) or pa.types.is_fixed_size_binary(kind)
+
+
+def _metadata(path: Path) -> dict[bytes, bytes] | None:
+    """Return the metadata of a Parquet file, in which GeoParquet states reference systems; None of other files."""
+    if path.suffix.casefold() not in _PARQUET:
+        return None
+    with readable(path, path.suffix, (pa.ArrowException, OSError, ValueError)):
+        metadata: dict[bytes, bytes] | None = pa.parquet.read_schema(path).metadata
+        return metadata
 
 
 def _arrow_columns(path: Path) -> Iterator[tuple[str, pa.ChunkedArray]]:
     with readable(path, path.suffix, (pa.ArrowException, OSError, ValueError)):
-        if path.suffix.casefold() in (".parquet", ".pq"):
+        if path.suffix.casefold() in _PARQUET:
             with pa.parquet.ParquetFile(path) as file:
                 for name in file.schema_arrow.names:
                     part = file.read(columns=[name], use_threads=False)
