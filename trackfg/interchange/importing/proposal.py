@@ -348,7 +348,9 @@ def unused_columns(sections: dict[str, Any], tables: Sequence[SourceTable]) -> d
             used[table.name] |= parts_of_dates(table)
     unused = {
         table.name: [
-            name for name in table.columns if name not in used.get(table.name, ()) and table.frame[name].notna().any()
+            name
+            for name in table.columns
+            if name not in {COMPOSED, *used.get(table.name, ())} and table.frame[name].notna().any()
         ]
         for table in tables
     }

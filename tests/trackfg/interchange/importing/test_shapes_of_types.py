@@ -15,12 +15,16 @@ import pyarrow.parquet
 import pytest
 from interchange.foreign_forms import Drive
 
+from trackfg.interchange.importing.columns.calendar_columns import COMPOSED, with_whole_dates
+from trackfg.interchange.importing.columns.time_columns import time_columns
 from trackfg.interchange.importing.conversion import Imported
 from trackfg.interchange.importing.delimited.written_numbers import with_numbers
 from trackfg.interchange.importing.registry import source_format
 from trackfg.interchange.importing.shapes.array_tables import tables_of_arrays
 from trackfg.interchange.importing.shapes.binary_points import points_of, systems_of
+from trackfg.interchange.importing.shapes.channel_tables import by_sensor
 from trackfg.interchange.importing.source_table import SourceTable
+from trackfg.interchange.importing.sources.messages import measured_ns
 from trackfg.numerics import geodesy
 from trackfg.recording.model import Recording
 
@@ -282,3 +286,38 @@ def test_times_in_ns_as_text_keep_their_digits() -> None:
     text = pd.Series(["1777605120000000001", "1777605120010000003"], dtype="string")
     table = with_numbers(SourceTable("log", pd.DataFrame({"time_ns": text})))
     assert table.frame["time_ns"].tolist() == [1777605120000000001, 1777605120010000003]
+
+
+@pytest.mark.parametrize("unit", ["A", ""])
+def test_a_current_is_no_number_of_a_sensor(unit: str) -> None:
+    column = np.arange(400) * 7 % (2 if unit else 37)
+    table = SourceTable("log", pd.DataFrame({"t": np.arange(400) / 100.0, "I": column, "v": 0.5}), {"I": unit})
+    assert by_sensor(table) == [table]
+
+
+def test_a_date_of_whole_seconds_gives_way_to_a_finer_time() -> None:
+    t = np.arange(500) / 100.0
+    parts = {"year": 2026, "month": 5, "day": 1, "hour": 3, "minute": 12, "second": np.floor(t).astype(np.int64)}
+    dated = with_whole_dates(SourceTable("log", pd.DataFrame(parts, index=range(t.size))))
+    assert time_columns(dated) == (COMPOSED,)
+    fine = with_whole_dates(SourceTable("log", pd.DataFrame({"time_s": t, **parts})))
+    assert time_columns(fine) == ("time_s",)
+
+
+@pytest.mark.parametrize(
+    ("stamp", "is_taken"),
+    [
+        (1_777_605_120.25, True),
+        (1_777_605_120_250, True),
+        (1_777_605_120_250_000, True),
+        ("2026-05-01T03:12:00.250Z", True),
+        ("2026-05-01T05:12:00.250", False),  # of another zone
+        (12.5, False),
+        (True, False),
+        ("start", False),
+    ],
+)
+def test_a_message_may_state_its_time_as_a_number_or_a_text(stamp: object, is_taken: bool) -> None:
+    received = 1_777_605_120_700_000_000
+    measured = measured_ns({"timestamp": stamp, "gyro": [0.0, 0.0, 0.0]}, received)
+    assert measured == pytest.approx(received - 450_000_000 if is_taken else received, abs=1_000, rel=0.0)

@@ -60,14 +60,15 @@ last position."""
 def time_columns(table: SourceTable) -> tuple[str, ...] | None:
     """Return the column of the time, or those of date and time of day; None where none is found.
 
-    A date that was put together of its parts is preferred, then a column whose name means a time, of several the finest
-    one, a number rather than a text as fine, and that of the measurement rather than of its receipt; else the first
-    whose cells are dates with a time of day; else the first that grows steadily and does not count samples.
+    A date that was put together of its parts is preferred, unless it is coarser than another time, then a column whose
+    name means a time, of several the finest one, a number rather than a text as fine, and that of the measurement
+    rather than of its receipt; else the first whose cells are dates with a time of day; else the first that grows
+    steadily and does not count samples.
     """
-    if COMPOSED in table.columns:
-        return (COMPOSED,)
     named = [name for name in table.columns if meaning(name) == "time" or name.casefold() in _TICKS_S]
-    named = [name for name in named if table.frame[name].notna().any()]
+    named = [name for name in named if name != COMPOSED and table.frame[name].notna().any()]
+    if COMPOSED in table.columns and not any(_is_finer(table, name, COMPOSED) for name in named):
+        return (COMPOSED,)
     text = [name for name in named if pd.api.types.is_string_dtype(table.frame[name])]
     if len(text) >= 2:
         first, second = (str(table.frame[name].iloc[0]) for name in text[:2])
@@ -91,6 +92,13 @@ def time_columns(table: SourceTable) -> tuple[str, ...] | None:
          and _grows(table.numbers(name)) and _steady(table.numbers(name))),
         None,
     )  # fmt: skip
+
+
+def _is_finer(table: SourceTable, name: str, date: str) -> bool:
+    """Return whether a column of numbers is a time with more than twice the values of a date."""
+    if not pd.api.types.is_numeric_dtype(table.frame[name]) or not _grows(table.numbers(name)):
+        return False
+    return _resolution(table.numbers(name)) > _COARSER * table.frame[date].nunique()
 
 
 def _counts_rows(column: pd.Series) -> bool:

@@ -10,6 +10,7 @@ import numpy as np
 import pandas as pd
 
 from trackfg.interchange.importing.columns.column_meaning import stem_of
+from trackfg.interchange.importing.columns.column_names import parts_of
 from trackfg.interchange.importing.columns.time_columns import time_columns
 from trackfg.interchange.importing.source_table import SourceTable
 
@@ -22,6 +23,8 @@ _INSTANCE = re.compile(
     r"^(i|inst(ance)?|imu|(sensor|device|source|imu|node|unit)[\s_.]?(id|nr|no|number|index))$", re.IGNORECASE
 )
 """Names of columns with the numbers of sensors that write their rows in turn."""
+_LETTER, _MOST_INSTANCES = re.compile(r"i|inst(ance)?", re.IGNORECASE), 8
+"""A name that may be that of a current, too, and how many sensors a device has, which it counts from 0 or 1."""
 _IN_TURN = 0.05
 """Share of the rows that are another sensor's than the row before: sensors write one row each in turn, or packets of up
 to 20. What changes more seldom is a state of the whole table.
@@ -33,7 +36,7 @@ _MOST_SENSORS = 50
 def by_sensor(table: SourceTable) -> list[SourceTable]:
     """Return a table for each sensor, with the columns that it fills, where a column says which one a row is of."""
     for name in table.columns:
-        if not _says_sensor(name, table.frame[name]):
+        if not _says_sensor(name, table.frame[name], table.units.get(name) or parts_of(name).unit):
             continue
         sensors = table.frame[name].astype("string").str.strip()
         kinds = [str(kind) for kind in sensors.dropna().unique()]
@@ -52,12 +55,16 @@ def by_sensor(table: SourceTable) -> list[SourceTable]:
     return [table]
 
 
-def _says_sensor(name: str, column: pd.Series) -> bool:
-    """Return whether a column says which sensor a row is of, by a word or by its number."""
+def _says_sensor(name: str, column: pd.Series, unit: str) -> bool:
+    """Return whether a column says which sensor a row is of, by a word or by its number, which has no ``unit``."""
     if pd.api.types.is_string_dtype(column):
         return _SENSOR.match(name.strip()) is not None
-    if not _INSTANCE.match(name.strip()) or not pd.api.types.is_integer_dtype(column):
+    if not _INSTANCE.match(name.strip()) or not pd.api.types.is_integer_dtype(column) or unit:
         return False
+    if _LETTER.fullmatch(name.strip()):
+        numbers = sorted(column.unique())
+        if len(numbers) > _MOST_INSTANCES or numbers[0] not in (0, 1) or numbers[-1] - numbers[0] >= len(numbers):
+            return False
     return bool((np.diff(column.to_numpy()) != 0).mean() > _IN_TURN) if len(column) > 1 else False
 
 

@@ -54,7 +54,9 @@ def scale_of_others(attributes: Mapping[str, Any], kind: np.dtype[Any]) -> str |
 def unit_in(attributes: Mapping[str, Any]) -> str | None:
     """Return the unit that attributes state: as such, or behind the number of a scale, ``0.0175 deg/s``."""
     for name in _UNITS:
-        if isinstance(unit := attributes.get(name), str | bytes):
+        unit = attributes.get(name)
+        unit = np.ravel(unit)[0] if np.size(unit) == 1 else unit
+        if isinstance(unit, str | bytes):
             return _text(unit)
     scales = (_text(attributes[name]) for name in _SCALES if isinstance(attributes.get(name), str | bytes))
     return next((parts[1] for scale in scales if (parts := number_and_unit(scale)) is not None), None)

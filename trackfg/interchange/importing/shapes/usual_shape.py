@@ -43,13 +43,16 @@ def in_usual_shape(tables: Sequence[SourceTable]) -> list[SourceTable]:
 
 
 def in_usual_shape_of_types(tables: Sequence[SourceTable]) -> list[SourceTable]:
-    """Return the tables with numbers of a format whose columns have types, in their usual shape."""
-    usual = in_usual_shape([of_typed_columns(table) for table in tables])
+    """Return the tables with numbers of a format whose columns have types, in their usual shape.
+
+    Their names stay as they are, since such formats state units apart.
+    """
+    usual = in_usual_shape([with_numbers(table) for table in tables])
     return [table for table in usual if holds_numbers(table.frame)]
 
 
 def of_typed_columns(table: SourceTable) -> SourceTable:
-    """Return a table of a format whose columns have types, with what is written in their names and cells taken up.
+    """Return a table of a file whose columns have types, with what is written in their names and cells taken up.
 
     These are the units that names have in brackets, and numbers that are text.
     """

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
+from datetime import UTC, datetime
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,7 @@ import pandas as pd
 
 from trackfg.interchange.importing.proposal import GNSS_SD_M
 from trackfg.interchange.importing.source_table import SourceTable
+from trackfg.interchange.importing.times.clock import as_ns
 
 STAMP = "stamp_ns"
 """The column of times, ns since 1970."""
@@ -21,6 +23,14 @@ _STAMPS = ("header", "timestamp", "stamp", "time")
 _BARE = (("data",), ("value",))
 """Fields of messages that are one number, which their topic names."""
 _NS = ("nsec", "nanosec", "nsecs")
+_UNITS_NS = (1_000_000_000, 1_000_000, 1_000, 1)
+"""Seconds, and what is below them, as numbers of a message may count its time."""
+_NEAR_NS = 600_000_000_000
+"""A time that a message states as one number or text is about when it was received, ns, else it is none of this clock.
+Time zones are further apart.
+"""
+_OLDEST_NS = 1_000_000_000_000_000_000
+"""Of September 2001: what counts less does not count from 1970, and its unit is not known."""
 _DEPTH = 8
 """Messages are nested no deeper."""
 
@@ -91,11 +101,26 @@ def measured_ns(message: Any, received_ns: int) -> int:
     """Return the time that a message states, ns since 1970, else when it was received."""
     for name in _STAMPS:
         stamp = fields_of(message).get(name)
+        near = next((ns for ns in _read_as_ns(stamp) if ns > _OLDEST_NS and abs(ns - received_ns) < _NEAR_NS), None)
+        if near is not None:
+            return near
         time = fields_of(fields_of(stamp).get("stamp", stamp))
         part = next((time[name] for name in _NS if name in time), None)
         if part is not None and "sec" in time:
             return int(time["sec"]) * 1_000_000_000 + int(part)
     return received_ns
+
+
+def _read_as_ns(stamp: Any) -> Iterator[int]:
+    """Yield what a number, or a text such as ``2026-05-01T03:12:00Z``, may mean in ns since 1970."""
+    if isinstance(stamp, int | float) and not isinstance(stamp, bool) and np.isfinite(stamp):
+        yield from (round(stamp * unit) for unit in _UNITS_NS)
+    if isinstance(stamp, str):
+        try:
+            time = datetime.fromisoformat(stamp.strip())
+        except ValueError:
+            return
+        yield as_ns(time if time.tzinfo is not None else time.replace(tzinfo=UTC))
 
 
 def cells_of(message: Any, prefix: str = "", depth: int = _DEPTH) -> dict[str, float | str]:
