@@ -132,6 +132,20 @@ def test_a_scale_may_be_of_a_group_and_be_written_with_its_unit(drive: Drive, tm
     np.testing.assert_allclose(recording.accel, drive.accel, atol=5e-4)
 
 
+def test_a_unit_may_be_an_array_of_one_text(drive: Drive, tmp_path: Path, imported: Import) -> None:
+    with h5py.File(tmp_path / "run.h5", "w") as file:
+        for name, values, unit in (
+            ("time", 1e3 * drive.t, b"ms"),
+            ("gyro", 1e3 * drive.gyro, b"mrad/s"),
+            ("accel", drive.accel, b"m/s^2"),
+        ):
+            file.create_dataset(name, data=values).attrs["units"] = np.array([unit])
+    recording = imported(tmp_path / "run.h5").loaded.recording
+    assert recording is not None
+    np.testing.assert_allclose(recording.gyro, drive.gyro, atol=1e-12)
+    np.testing.assert_allclose(recording.imu["t_s"], drive.t, atol=1e-9)
+
+
 def test_a_scale_beside_values_is_not_applied_and_named(drive: Drive, tmp_path: Path, imported: Import) -> None:
     with h5py.File(tmp_path / "run.h5", "w") as file:
         file["time_s"] = drive.t

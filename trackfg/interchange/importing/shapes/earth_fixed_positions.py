@@ -20,6 +20,8 @@ from trackfg.numerics.arrays import Array
 _FROM_CENTRE_M = (6_356_000.0, 6_387_500.0)
 """From the poles, 6356.8 km from the centre, to the highest place near the equator, 6384.4 km (WGS 84)."""
 _PER_METRE = (1.0, 100.0, 1000.0)
+_SOME_ROWS = 1000
+"""Rows by which most vectors are known to be no positions, without taking all rows of a large table."""
 _GEODETIC = {"latitude": "deg", "longitude": "deg", "height": "m"}
 """The columns that they become, and their units."""
 
@@ -33,7 +35,10 @@ def with_geodetic(table: SourceTable) -> SourceTable:
     if plan_columns(table) is not None or set(_GEODETIC) & set(table.columns):
         return table
     for names in _vectors(table):
-        if (ecef := _in_metres(np.stack([table.numbers(name) for name in names], axis=1))) is None:
+        some = _stacked(table, names, slice(None, None, max(1, len(table.frame) // _SOME_ROWS)))
+        if _has_length(some) and _in_metres(some) is None:
+            continue
+        if (ecef := _in_metres(_stacked(table, names, slice(None)))) is None:
             continue
         place = np.full_like(ecef, np.nan)
         known = np.isfinite(ecef).all(axis=1)
@@ -43,6 +48,16 @@ def with_geodetic(table: SourceTable) -> SourceTable:
         units = {name: unit for name, unit in table.units.items() if name not in names}
         return replace(table, frame=frame, units={**units, **_GEODETIC})
     return table
+
+
+def _stacked(table: SourceTable, names: tuple[str, str, str], rows: slice) -> Array:
+    """Return some rows of three columns, shape (n, 3)."""
+    return np.stack([table.numbers(name)[rows] for name in names], axis=1)
+
+
+def _has_length(values: Array) -> bool:
+    """Return whether one of the vectors (n, 3) is neither zero nor unknown."""
+    return bool((np.isfinite(values).all(axis=1) & (values != 0.0).any(axis=1)).any())
 
 
 def _vectors(table: SourceTable) -> list[tuple[str, str, str]]:

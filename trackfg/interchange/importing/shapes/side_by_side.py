@@ -28,8 +28,10 @@ def parted(table: SourceTable) -> list[SourceTable]:
     Each begins with its column of times, or those of date and time of day, and is named after the first of them.
     """
     blocks = [*_blocks(table)]
+    if len(blocks) < 2:
+        return [table]
     rows = [_filled_rows(table.frame[names]) for names in blocks]
-    if len(blocks) < 2 or len(set(rows)) < 2:
+    if len(set(rows)) < 2:
         return [table]
     parts = [
         replace(table, name=f"{table.name}/{names[0]}", frame=table.frame[names].iloc[:count].infer_objects())
