@@ -54,8 +54,8 @@ def scale_of_others(attributes: Mapping[str, Any], kind: np.dtype[Any]) -> str |
 def unit_in(attributes: Mapping[str, Any]) -> str | None:
     """Return the unit that attributes state: as such, or behind the number of a scale, ``0.0175 deg/s``."""
     for name in _UNITS:
-        unit = attributes.get(name)
-        unit = np.ravel(unit)[0] if np.size(unit) == 1 else unit
+        unit: Any = attributes.get(name)
+        unit = np.ravel(unit)[0] if unit is not None and np.size(unit) == 1 else unit
         if isinstance(unit, str | bytes):
             return _text(unit)
     scales = (_text(attributes[name]) for name in _SCALES if isinstance(attributes.get(name), str | bytes))

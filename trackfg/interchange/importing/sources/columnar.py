@@ -65,7 +65,7 @@ def read_arrow(path: Path) -> list[SourceTable]:
 
 
 def _is_bytes(kind: pa.DataType) -> bool:
-    return pa.types.is_binary(kind) or pa.types.is_large_binary(kind) or pa.types.is_fixed_size_binary(kind)
+    return bool(pa.types.is_binary(kind) or pa.types.is_large_binary(kind) or pa.types.is_fixed_size_binary(kind))
 
 
 def _metadata(path: Path) -> dict[bytes, bytes] | None:
