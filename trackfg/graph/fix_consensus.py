@@ -56,7 +56,7 @@ SHORTEST_LINE_M = 1000.0
 _MOST_IN_A_ROW = 30
 """So many wrong fixes may follow each other."""
 
-_SAME_PLACE_M = 1.0
+SAME_PLACE_M = 1.0
 """Readings of one chainage within such a distance are of one balise: its antenna field is shorter, m (ERTMS subset 036
 has contact lengths of up to 1.3 m)."""
 
@@ -133,7 +133,7 @@ def wrong_is_likelier(error: Array | float, variance: Array | float, line_m: flo
 def _places(passages: Passages) -> np.ndarray:
     """Return the number of the place that each fix reads, counted from 0. Shape (n,)."""
     again = np.abs(np.diff(passages.place)) <= passages.sd[:-1]
-    again &= np.diff(passages.length) <= np.maximum(_SAME_PLACE_M, 3.0 * passages.sd[:-1])
+    again &= np.diff(passages.length) <= np.maximum(SAME_PLACE_M, 3.0 * passages.sd[:-1])
     return np.concatenate([[0], np.cumsum(~again)])
 
 

@@ -27,6 +27,11 @@ Science 7 (1992), the initial positive sequence), or that of the exponential whi
 that is cut off is too small. Errors last where they are large, so C is that of the positions with large levels and that
 of the others, each by itself.
 
+*What does not show.* A receiver's sigma is that of a position, and no mean of many is better than what they share:
+orbits, ionosphere, a calibration of its antenna. Where residuals scatter by much less than declared, what is left of
+the declared variance is such an error, or the sigmas are too wide. Neither shows, so chainage and position are widened
+by it.
+
 Residuals of GNSS are large as well where it is the inertial sensors that are worse than assumed. So GNSS is not judged
 while another group of residuals is further beyond its sigmas.
 
@@ -43,17 +48,21 @@ less.
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
 from trackfg.factors.factor_type import FactorType
+from trackfg.factors.family import Family
 from trackfg.factors.loss import Huber
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.spans import median_interval, true_runs
+from trackfg.output.trajectory import QUANTITIES, keyframe_variances
 from trackfg.recording.findings import Finding
-from trackfg.smoothing.reassessment import Reassessment, SolvedRun, others_are_worse
+from trackfg.results.verdict import Doubt, Quantity
+from trackfg.smoothing.reassessment import LEAST_CHANGE, Reassessment, SolvedRun, others_are_worse
 from trackfg.solver.leave_one_out import predicted
 
 _AROUND_S = 10.0
@@ -109,6 +118,10 @@ _SETTLED = 0.15
 _GROWN = 2.0
 """Residuals of positions with less weight, over the level seen before, from which on it is not the receiver that errs.
 Levels of tens of seconds scatter by a quarter."""
+
+_SCATTER = 0.5
+"""Share of the declared variance below which that of the residuals is too small for errors without memory: a variance
+that is declared 1.4 times too large in sigmas is usual."""
 
 _FINDING = 2.0
 """A level, or its rms over the run, from which on it is a finding: sigmas were wrong by as much."""
@@ -206,7 +219,11 @@ def _reassessed(run: SolvedRun, judged: _Judged) -> Reassessment:
         again = replace(family, sigma=sigma, loss=Huber(width))
         families = tuple(again if f is family else f for f in problem.families)
         problem = replace(problem, families=families, gnss_level={**problem.gnss_level, judged.type: errors.level})
-    return Reassessment(problem, _findings(t, errors, judged), changed=changed)
+    doubts: tuple[Doubt, ...] = ()
+    if judged is _POSITIONS:
+        grown = float(np.median(sigma / family.sigma)) if changed else 1.0
+        doubts = (*_unsettled(run, grown), *_shared_errors(run, family, declared.sigma, errors.level))
+    return Reassessment(problem, _findings(t, errors, judged), doubts, changed=changed)
 
 
 def _groups(residual: Array) -> tuple[slice, ...]:
@@ -358,3 +375,40 @@ def _findings(t: Array, errors: GnssErrors, judged: _Judged) -> tuple[Finding, .
     where = f", most at {', '.join(named)}" if named else ""
     message = f"GNSS {judged.name} err by {np.median(size):.1f} times their declared sigmas as a rule{where}"
     return (Finding("warning", f"{judged.code}-level", message, hint=judged.hint),)
+
+
+def _placed(run: SolvedRun) -> dict[Quantity, str]:
+    """Return what the positions place, with its column: the chainage, too, unless fixes do."""
+    has_fixes = run.problem.family(FactorType.ABSOLUTE_FIX) is not None
+    return {"position": "east_m"} if has_fixes else {"position": "east_m", "chainage": "chainage_m"}
+
+
+def _unsettled(run: SolvedRun, grown: float) -> tuple[Doubt, ...]:
+    """Return the doubt of what positions place whose sigmas would have to be ``grown`` times as large. It counts where
+    the run is not solved again.
+    """
+    factor = math.sqrt(grown**_FOLLOWS) if grown > 1.0 else 1.0
+    if factor < LEAST_CHANGE:
+        return ()
+    reason = f"errors of GNSS positions last so long that their sigmas would have to be {grown:.2g} times as large"
+    return (Doubt(tuple(_placed(run)), factor, reason, _POSITIONS.hint),)
+
+
+def _shared_errors(run: SolvedRun, family: Family, declared: Array, level: Array) -> tuple[Doubt, ...]:
+    """Return the doubt of what positions place, where their horizontal residuals have a ``level`` (m, d) far below the
+    ``declared`` sigmas (m, d), m.
+    """
+    scatter = float(np.median(level[:, :2] ** 2))
+    if run.config.position.gnss_correlation_s or scatter > _SCATTER:
+        return ()
+    shared = (1.0 - scatter) * float(np.median(declared[:, :2] ** 2))
+    states, at = run.solution.states, family.slots[0].index
+    variances = keyframe_variances(states, run.covariance, run.problem.run.lever_arm)[at]
+    reason = f"GNSS positions scatter by {math.sqrt(scatter):.2g} of their declared sigmas: they may share the rest"
+    hint = "declare the sigma that the positions have, and position.gnss_correlation_s"
+    doubts = []
+    for quantity, column in _placed(run).items():
+        factor = math.sqrt(1.0 + shared / float(np.mean(variances[:, QUANTITIES.index(column)])))
+        if factor >= LEAST_CHANGE:
+            doubts.append(Doubt((quantity,), factor, reason, hint))
+    return tuple(doubts)

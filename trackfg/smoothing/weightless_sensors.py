@@ -21,7 +21,7 @@ from trackfg.numerics.units import KMH
 from trackfg.recording.findings import Finding
 from trackfg.recording.model import GNSS_SPEED_TABLE, Recording
 from trackfg.recording.unmeasured_rows import unmeasured_in
-from trackfg.results.verdict import Doubt, Quantity
+from trackfg.results.verdict import QUANTITIES, Doubt, Quantity
 from trackfg.smoothing.reassessment import Reassessment, SolvedRun
 
 _NO_WEIGHT = 0.1
@@ -55,6 +55,9 @@ class _Sensor(NamedTuple):
 
 
 _POSITIONS = (FactorType.ABSOLUTE_FIX, FactorType.GNSS_POSITION)
+_WITH_SENSE: tuple[Quantity, ...] = tuple(quantity for quantity in QUANTITIES if quantity not in ("position", "height"))
+"""What is wrong where the vehicle goes the other way than it seems to: positions do not show which end is ahead."""
+
 _SENSORS = {
     FactorType.TACH_DISTANCE: _Sensor(
         "the tachometer's distances", ("chainage", "speed"), _POSITIONS, "check unit, sign and clock of [tach]"
@@ -114,10 +117,13 @@ def weightless_sensors(run: SolvedRun) -> Reassessment:
         reason = (
             f"{sensor.name} contradict the other sensors and {100 * shares[family.type]:.0f} % of them have no weight"
         )
-        if family.type is FactorType.TACH_DISTANCE:
-            reason += _ratio(family, states)
+        backwards = False
+        if family.type is FactorType.TACH_DISTANCE and (ratio := _moved_per_count(family, states)) is not None:
+            reason, backwards = reason + _in_words(ratio), ratio < 0.0
         findings.append(Finding("warning", "without-weight", reason, hint=sensor.hint))
-        if not any(shares.get(other, 1.0) <= _MOST for other in sensor.instead):
+        if backwards:
+            doubts.append(Doubt(_WITH_SENSE, np.inf, reason, sensor.hint))
+        elif not any(shares.get(other, 1.0) <= _MOST for other in sensor.instead):
             doubts.append(Doubt(sensor.quantities, np.inf, reason, sensor.hint))
     return Reassessment(run.problem, tuple(findings), tuple(doubts))
 
@@ -137,14 +143,16 @@ def _moving(family: Family, speed: np.ndarray) -> np.ndarray:
     return np.asarray((slow > _MOVING_MPS) & (family.sigma[:, 0] < _NO_WEIGHT_SD))
 
 
-def _ratio(family: Family, states: States) -> str:
-    """Return by how much the vehicle moves further than the wheel counts, in words, and whether that is a unit's."""
+def _moved_per_count(family: Family, states: States) -> float | None:
+    """Return by how much the vehicle moves further than the wheel counts; None where that counts nothing."""
     k = family.last_keyframe[_moving(family, np.linalg.norm(states.nav.v, axis=1))]
     counted = states.odo.count[k] - states.odo.count[k - 1]
     moved = states.odo.step[k][np.abs(counted) > 0.0] / counted[np.abs(counted) > 0.0]
-    if not moved.size:
-        return ""
-    ratio = float(np.median(moved))
+    return float(np.median(moved)) if moved.size else None
+
+
+def _in_words(ratio: float) -> str:
+    """Say that the vehicle moves ``ratio`` times as far as the wheel counts, and whether that is a unit's."""
     text = f"; the vehicle moves {ratio:.3g} times as far as they say"
     for unit_ratio, meaning in (
         (KMH, "they are in km/h, declared in m/s"),

@@ -37,6 +37,7 @@ from trackfg.graph.build import Problem
 from trackfg.graph.priors import SET_OFFSET_SD_MPS
 from trackfg.numerics.arrays import Array
 from trackfg.recording.findings import Finding
+from trackfg.results.verdict import Doubt
 from trackfg.smoothing.fixes.wrong_fixes import with_fixes
 from trackfg.smoothing.reassessment import Reassessment, SolvedRun
 from trackfg.solver.scale_changes import WALKS, log_odds_of_change, variance_of_changes
@@ -54,6 +55,10 @@ _MOST_CELLS = 64
 
 _OFFSET_SD_MPS = 0.14
 """Sigma of a speed signal's offset where it is free, m/s: half a step of speeds that are cut off to whole km/h."""
+
+_MOST_CHANGE = 0.1
+"""By more than this a wheel's scale does not change in a run: a worn wheel is 8 % smaller than a new one (850 and
+920 mm), and the creep curve ends at 2 %. Something else errs then, as a receiver that goes on in a tunnel as before."""
 
 _NAMED = 1e-3
 """A change of the scale below this is none worth a finding."""
@@ -73,7 +78,7 @@ def wheel_scale(run: SolvedRun) -> Reassessment:
         return Reassessment(problem)
     faster = chain.sigma[:, 1] / declared.sigma[:, 1]
     if not np.allclose(faster, faster[0]) or _was_judged(run):
-        return Reassessment(problem, _findings(run))
+        return Reassessment(problem, _findings(run), _doubts(run))
     states, walks = run.solution.states, not np.isclose(faster[0], 1.0)
     constant, edges = chain.with_sigma(declared.sigma), _edges(problem.t, states.odo.distance)
     families, evidence = _with_likelier_offset(problem, states, constant)
@@ -86,11 +91,11 @@ def wheel_scale(run: SolvedRun) -> Reassessment:
         elif log_odds_of_change(information, linear) > CLEARLY:
             judged = _walking_everywhere(evidence, constant, walk)
     if (judged.sigma == chain.sigma).all() and _offset_sd(families) == _offset_sd(problem.families):
-        return Reassessment(problem, _findings(run))
+        return Reassessment(problem, _findings(run), _doubts(run))
     problem = replace(problem, families=changed(families, FactorType.DISTANCE_CHAIN, lambda _: judged))
     if not walks:
         problem = _with_fixes_again(problem, states)
-    return Reassessment(problem, _findings(run), changed=True, far=not walks)
+    return Reassessment(problem, _findings(run), _doubts(run), changed=True, far=not walks)
 
 
 def _with_likelier_offset(
@@ -201,6 +206,15 @@ def _offset(run: SolvedRun) -> Iterator[Finding]:
     message = f"the speed signal is {abs(off):.2f} m/s too {'low' if off < 0.0 else 'high'} while the vehicle moves"
     hint = "speeds that are cut off are half a step too low; correct it in the table"
     yield Finding("warning", "speed-offset", message, hint=hint)
+
+
+def _doubts(run: SolvedRun) -> tuple[Doubt, ...]:
+    """Return the doubt of what a wheel's scale stands for where it changes by more than a wheel's does."""
+    change = float(np.ptp(run.solution.states.odo.scale))
+    if change < _MOST_CHANGE:
+        return ()
+    reason = f"the wheel's scale would have to change by {100.0 * change:.2g} % in the run, more than a wheel's does"
+    return (Doubt(("chainage", "speed", "position"), np.inf, reason, "look for positions that were not measured"),)
 
 
 def _change(run: SolvedRun) -> Iterator[Finding]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -9,10 +10,11 @@ import pytest
 from scipy.signal import lfilter
 
 from trackfg.datasets.scenarios import scenario, simulate
+from trackfg.factors.factor_type import FactorType
 from trackfg.numerics.arrays import Array
 from trackfg.results.result import Result
-from trackfg.smoothing.gnss_errors import errors_seen, have_grown
-from trackfg.smoothing.smoother import smooth
+from trackfg.smoothing.gnss_errors import errors_seen, gnss_errors, have_grown
+from trackfg.smoothing.smoother import SmoothedStates, smooth
 
 
 def lasting(n: int, time_s: float, sd: float, rng: np.random.Generator) -> Array:
@@ -143,3 +145,41 @@ def test_a_receiver_that_is_wrong_for_minutes_does_not_show_a_place_better_than_
             used = errors_seen(t, (error - place) / declared, followed, weighted=turn > 0, used=used).factor
         found.append(declared**2 / (1.0 / used**2).sum(axis=0))
     assert np.sqrt(np.mean(found)) > 0.7 * np.sqrt(120.0 / 360.0)
+
+
+def shared(sd_m: float, declared_m: float) -> Result:
+    """A run whose positions all err by the same 0.8 m, and by white noise of ``sd_m`` each."""
+    plan = scenario("mainline-gnss")
+    assert plan.gnss is not None
+    sd = (sd_m, sd_m, sd_m)
+    gnss = replace(plan.gnss, sd_m=sd, multipath_sd_m=(0.0, 0.0, 0.0), outlier_probability=0.0, outages_s=())
+    recording = simulate(replace(plan, gnss=gnss), seed=3, duration_s=200.0).recording
+    assert recording.gnss is not None
+    off = recording.gnss.assign(east_m=recording.gnss["east_m"] + 0.8)
+    off[["east_sd_m", "north_sd_m", "up_sd_m"]] = declared_m
+    return smooth(replace(recording, gnss=off))
+
+
+@pytest.mark.parametrize(("sd_m", "declared_m"), [(0.3, 1.0), (0.8, 0.8)])
+def test_errors_that_positions_share_are_in_the_sigmas(sd_m: float, declared_m: float) -> None:
+    """Positions that scatter by less than declared share the rest, as far as anything shows."""
+    result = shared(sd_m, declared_m)
+    (verdict,) = (verdict for verdict in result.summary.verdicts if verdict.quantity == "position")
+    assert any("share the rest" in reason for reason in verdict.reasons) == (sd_m < declared_m)
+    if sd_m < declared_m:
+        assert result.trajectory["east_m_sd"].mean() == pytest.approx(0.9, rel=0.2)
+
+
+def test_errors_that_a_run_is_not_solved_again_for_are_a_doubt(smoothed: Callable[..., SmoothedStates]) -> None:
+    """Of errors that last for half a minute the first solution knows nothing."""
+    run = smoothed("mainline-gnss", seed=0, duration_s=150.0)
+    (family,) = (family for family in run.problem.families if family.type is FactorType.GNSS_POSITION)
+    wander = np.sin(0.2 * run.problem.t[family.slots[0].index])[:, None] * 4.0 * family.sigma
+    moved = replace(family, data={**family.data, "position": family.data["position"] + wander})
+    families = tuple(moved if other is family else other for other in run.problem.families)
+    level = {FactorType.GNSS_POSITION: np.full(family.sigma.shape, 4.0)}
+    said = gnss_errors(replace(run, problem=replace(run.problem, families=families, gnss_level=level)))
+    assert said.changed
+    (doubt,) = (doubt for doubt in said.doubts if "last so long" in doubt.reason)
+    assert "position" in doubt.quantities
+    assert 2.0 < doubt.factor < 20.0

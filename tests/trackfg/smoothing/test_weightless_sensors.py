@@ -54,3 +54,16 @@ def test_without_its_only_tach_the_chainage_is_not_to_be_trusted(smoothed: Calla
     (doubt,) = alone.doubts
     assert doubt.quantities == ("chainage", "speed")
     assert np.isinf(doubt.factor)
+
+
+def test_a_tach_of_the_other_sense_leaves_no_direction_of_travel(smoothed: Callable[..., SmoothedStates]) -> None:
+    """Positions do not show which end of the vehicle is ahead: a mounting half a turn off explains them as well."""
+    run = smoothed("mainline-gnss", seed=0, duration_s=150.0)
+    states = run.solution.states
+    odo = replace(states.odo, array=states.odo.array * [1.0, 1.0, -1.0, 1.0])
+    said = weightless_sensors(replace(run, solution=replace(run.solution, states=replace(states, odo=odo))))
+    assert "moves -0.99" in said.findings[0].message
+    (doubt,) = said.doubts
+    assert np.isinf(doubt.factor)
+    assert {"chainage", "speed", "pitch", "twist"} < set(doubt.quantities)
+    assert "position" not in doubt.quantities

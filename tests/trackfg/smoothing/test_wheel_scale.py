@@ -17,6 +17,7 @@ from trackfg.factors.family import Family, changed
 from trackfg.graph.build import Problem
 from trackfg.recording.description import Tach
 from trackfg.recording.model import Recording
+from trackfg.results.verdict import Doubt
 from trackfg.smoothing.smoother import SmoothedStates, smooth_states
 from trackfg.smoothing.wheel_scale import _edges, _walking_at, _walking_everywhere, wheel_scale
 from trackfg.solver.scale_evidence import ScaleEvidence
@@ -242,3 +243,19 @@ def test_fixes_that_a_creeping_wheel_explains_are_used_again(run: Simulation) ->
     withheld = [family for family in smoothed.problem.withheld if family.type is FactorType.WITHHELD_FIX]
     assert [len(family) for family in withheld] == [1]
     assert smoothed.problem.t[withheld[0].slots[0].index[0]] == pytest.approx(125.0, abs=0.1)
+
+
+def test_a_scale_that_changes_by_more_than_a_wheel_is_no_scale(constant: SmoothedStates) -> None:
+    states = constant.solution.states
+    scale = np.zeros((len(states), 4))
+    scale[:, 1] = np.linspace(0.0, 1.0, len(states))
+
+    def doubts(change: float) -> tuple[Doubt, ...]:
+        odo = replace(states.odo, array=states.odo.array + change * scale)
+        moved = replace(constant.solution, states=replace(states, odo=odo))
+        return wheel_scale(replace(constant, solution=moved)).doubts
+
+    assert not doubts(0.05)
+    (doubt,) = doubts(0.12)
+    assert np.isinf(doubt.factor)
+    assert set(doubt.quantities) == {"chainage", "position", "speed"}

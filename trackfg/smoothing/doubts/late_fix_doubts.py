@@ -4,6 +4,10 @@ A reader on a bus or a serial line is late by tenths of a second, and the chaina
 meanwhile. All fixes err alike where speeds are alike: none contradicts another. What changes with the speed shows the
 delay (:func:`trackfg.checks.diagnosis_positions.delay_of`): on the way that the smoothed speed makes, of which the
 creep under force is known best; or on that of the wheel alone, since a graph may explain late fixes by creep.
+
+Stamps in whole seconds, or tenths, were rounded up, down or to the next one: fixes scatter then by what the vehicle
+moves in a step g, which shows, and are all late or early by g/2 besides, or not at all, which does not. Where they
+scatter by more than declared the chainage is unsure by the mean square of these three, ``g^2 / 6``.
 """
 
 from __future__ import annotations
@@ -22,7 +26,14 @@ from trackfg.numerics.integrals import trapezoid_integral
 from trackfg.output.trajectory import QUANTITIES, keyframe_variances
 from trackfg.results.verdict import Doubt
 from trackfg.smoothing.doubts.usual_sigmas import LEAST_WIDENING
+from trackfg.smoothing.fixes.wrong_fixes import level_in_use
 from trackfg.smoothing.reassessment import SolvedRun
+
+_STEPS_S = (1.0, 0.5, 0.2, 0.1, 0.05)
+"""Steps to which stamps are rounded, s."""
+
+_FEWEST_STAMPS, _STAMPS_SD_S = 5, 1e-4
+"""Of so many stamps all are near a step by chance in 1 of 4e9 runs: near is 0.1 ms, of steps of 50 ms at least."""
 
 
 def late_fix_doubts(run: SolvedRun, fixes: pd.DataFrame | None) -> list[Doubt]:
@@ -44,19 +55,33 @@ def late_fix_doubts(run: SolvedRun, fixes: pd.DataFrame | None) -> list[Doubt]:
         rolled = run.problem.wheel.at(passed - states.clock[0, 0])
         delays.append(delay_of(passages._replace(distance=rolled)))
     delay = next((estimate for estimate in delays if estimate is not None and estimate.is_sure), None)
-    if delay is None:
+    if delay is not None:
+        late_s, reason, hint = delay.delay_s, late_in_words(delay), f"add {-delay.delay_s:.2f} to fixes.time_offset_s"
+    elif (step_s := stamp_step_s(passed)) is not None and level_in_use(run) > 1.0:
+        late_s, reason = step_s / math.sqrt(6.0), f"fixes are stamped to {step_s:g} s, and scatter more than declared"
+        hint = "write their times as they were, not rounded"
+    else:
         return []
-    factor = moved_in_sigmas(delay, passages.speed, np.interp(passed, t, variance))
-    if factor < LEAST_WIDENING:
-        return []
-    return [Doubt(("chainage",), factor, late_in_words(delay), f"add {-delay.delay_s:.2f} to fixes.time_offset_s")]
+    factor = moved_in_sigmas(late_s, passages.speed, np.interp(passed, t, variance))
+    return [Doubt(("chainage",), factor, reason, hint)] if factor >= LEAST_WIDENING else []
 
 
-def moved_in_sigmas(delay: FixDelay, speed: Array, variance: Array) -> float:
-    """Return by how much the delay of fixes, passed at a ``speed`` (n,), m/s, widens the chainage, whose ``variance``
+def stamp_step_s(t: Array) -> float | None:
+    """Return the step, s, of which all differences of stamps (n,), s, are multiples; None where they are too few, or of
+    none that matters.
+    """
+    since = np.asarray(t - t[0] if len(t) else t)
+    for step in _STEPS_S if len(since) >= _FEWEST_STAMPS else ():
+        if np.abs(since - step * np.round(since / step)).max() < _STAMPS_SD_S:
+            return step
+    return None
+
+
+def moved_in_sigmas(late_s: float, speed: Array, variance: Array) -> float:
+    """Return by how much fixes that are late, passed at a ``speed`` (n,), m/s, widen the chainage, whose ``variance``
     there is (n,), m^2.
     """
-    moved = delay.delay_s * float(np.mean(speed))
+    moved = late_s * float(np.mean(speed))
     return math.sqrt(1.0 + moved**2 * float(np.mean(1.0 / variance)))
 
 

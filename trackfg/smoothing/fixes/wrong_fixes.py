@@ -4,10 +4,14 @@ Before, :mod:`trackfg.graph.fix_consensus` finds the fixes that agree with each 
 starts where those say. After, each fix is held against what all other measurements predict for it. One that is wrong
 on its own is withheld; a withheld one that fits is used again. Where neighbouring fixes are off as well, one way before
 and the other way after, the wheel erred between them, and they stay.
+
+Fixes in a row that are all off by much have no weight by their loss: behind a jump of the kilometrage, or on another
+line, they agree with each other as well as those before do. Either set may be the right one.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -15,9 +19,11 @@ import numpy as np
 from trackfg.factors.factor_type import FactorType
 from trackfg.factors.family import Family, family_of
 from trackfg.factors.odometry import followed_fix, withheld_fix
+from trackfg.factors.states import States
 from trackfg.graph.build import Problem
-from trackfg.graph.fix_consensus import WIDE_SHARE, Consensus, Passages, consensus, wrong_is_likelier
+from trackfg.graph.fix_consensus import SAME_PLACE_M, WIDE_SHARE, Consensus, Passages, consensus, wrong_is_likelier
 from trackfg.numerics.arrays import Array
+from trackfg.numerics.spans import true_runs
 from trackfg.recording.findings import Finding
 from trackfg.results.verdict import Doubt
 from trackfg.smoothing.fixes.fix_level import fix_level, most_by_wheel
@@ -44,6 +50,12 @@ _FIXES = (FactorType.ABSOLUTE_FIX, FactorType.WITHHELD_FIX)
 
 _UNKNOWN_SD_M = 100.0
 """Sigma of the distance of one interval, m, above which the wheel says nothing of it."""
+
+_NO_WEIGHT = 0.1
+"""A fix with less of its weight than this counts for nothing: with Cauchy's loss it is 12 sigmas off."""
+
+_FEWEST_IN_A_ROW = 2
+"""So many fixes in a row without weight are a set of their own; a single one is wrong."""
 
 _NAMED = 5
 """So many fixes are named in a finding; the events have all."""
@@ -74,7 +86,7 @@ def wrong_fixes(run: SolvedRun) -> Reassessment:
     fixes, withheld = _fixes(problem), family_of(problem.withheld, FactorType.WITHHELD_FIX)
     if fixes is None or fixes.loss is None:
         return Reassessment(problem)
-    old_level = _level(run)
+    old_level = level_in_use(run)
     prediction = left_out(fixes, states, run.covariance)
     predicted = prediction.covariance[:, 0, 0]
     declared_sd = fixes.sigma[:, 0] / old_level
@@ -98,10 +110,10 @@ def wrong_fixes(run: SolvedRun) -> Reassessment:
     if changed:
         problem = with_fixes(problem, used, aside)
     findings = (*_withheld_findings(run, problem), *_level_findings(level))
-    return Reassessment(problem, findings, _doubts(run.declared), changed)
+    return Reassessment(problem, findings, (*_doubts(run.declared), *_other_kilometrage(problem, states)), changed)
 
 
-def _level(run: SolvedRun) -> float:
+def level_in_use(run: SolvedRun) -> float:
     """Return the level that the fixes have in the run's problem, used and withheld ones together."""
 
     def mean_log(problem: Problem) -> float:
@@ -219,3 +231,22 @@ def _doubts(declared: Problem) -> tuple[Doubt, ...]:
         reason = f"no two of {len(agreed.right)} fixes are as far apart as the wheel rolled between them, the same way"
         hint = f"check track.direction, the tach's unit and the fixes' chainages; {hint}"
     return (Doubt(("chainage",), np.inf, reason, hint),)
+
+
+def _other_kilometrage(problem: Problem, states: States) -> Iterator[Doubt]:
+    """Yield the doubt where fixes in a row are in use and have no weight."""
+    fixes = _fixes(problem)
+    if fixes is None:
+        return
+    ordered = _in_order(fixes)
+    for first, end in true_runs(ordered.weights(states) < _NO_WEIGHT):
+        row = ordered.take(np.arange(first, end))
+        places = 1 + np.count_nonzero(np.abs(np.diff(row.data["distance"][:, 0])) > SAME_PLACE_M)
+        if places < _FEWEST_IN_A_ROW:
+            continue
+        off = -problem.run.direction * float(np.median(row.residual(states)[:, 0]))
+        begin, last = (problem.t[row.slots[0].index[k]] for k in (0, -1))
+        reason = f"all fixes at {begin:.0f}-{last:.0f} s are {off:+.1f} m from where the others have them"
+        hint = "where the kilometrage jumps, add the jump to the chainages behind it, or smooth each part by itself"
+        yield Doubt(("chainage",), np.inf, reason, hint)
+        return

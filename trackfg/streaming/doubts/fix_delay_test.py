@@ -50,7 +50,7 @@ class FixDelayTest:
         delay = delay_of(FixPassages(*self.passed[:, :5].T))
         if delay is None or not delay.is_sure:
             return ()
-        factor = moved_in_sigmas(delay, self.passed[:, 2], self.passed[:, 5] ** 2)
+        factor = moved_in_sigmas(delay.delay_s, self.passed[:, 2], self.passed[:, 5] ** 2)
         if factor < LEAST_WIDENING:
             return ()
         advice = f"multiply its sigmas by {factor:.1f}, or add {-delay.delay_s:.2f} to fixes.time_offset_s"

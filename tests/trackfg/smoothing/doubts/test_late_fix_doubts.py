@@ -13,6 +13,7 @@ from trackfg.checks.diagnosis_positions import FixPassages, delay_of
 from trackfg.datasets.scenarios import Simulation
 from trackfg.recording.model import Recording
 from trackfg.results.events import DOUBT
+from trackfg.smoothing.doubts.late_fix_doubts import stamp_step_s
 from trackfg.streaming.fixed_lag import FixedLagSmoother
 from trackfg.streaming.intake.intake import Intake
 from trackfg.streaming.sources.source import RecordingSource
@@ -79,3 +80,24 @@ def test_a_stream_says_so(run: Simulation, by_s: float) -> None:
     pieces += [smoother.put(intake.finish()[0]), smoother.finish()]
     details = [event.detail for piece in pieces for event in piece.events if event.kind == DOUBT]
     assert any(detail.startswith("chainage: fixes come") for detail in details) == (by_s > 0.0)
+
+
+@pytest.mark.parametrize("step_s", [0.0, 1.0])
+def test_stamps_in_whole_seconds_may_all_be_late(run: Simulation, step_s: float) -> None:
+    fixes = run.recording.fixes
+    assert fixes is not None
+    rounded = np.ceil(fixes["t_s"] / step_s) * step_s if step_s else fixes["t_s"]
+    result = trackfg.smooth(replace(run.recording, fixes=fixes.assign(t_s=rounded)))
+    (verdict,) = [verdict for verdict in result.summary.verdicts if verdict.quantity == "chainage"]
+    assert any("stamped to" in reason or "fixes come" in reason for reason in verdict.reasons) == (step_s > 0.0)
+    t, chainage, sd = result.trajectory[["t_s", "chainage_m", "chainage_m_sd"]].to_numpy().T
+    errors = (chainage - np.interp(t, run.truth["t_s"], run.truth["chainage_m"])) / sd
+    assert np.sqrt(np.mean(errors**2)) < 1.5
+
+
+def test_a_step_of_stamps_is_what_all_of_them_are_multiples_of() -> None:
+    t = np.array([0.0, 3.0, 11.0, 12.0, 40.0, 41.0]) + 0.123
+    assert stamp_step_s(t) == 1.0
+    assert stamp_step_s(np.append(t, 55.323)) == 0.2
+    assert stamp_step_s(np.append(t, 55.3301)) is None
+    assert stamp_step_s(t[:4]) is None

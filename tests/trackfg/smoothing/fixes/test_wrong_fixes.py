@@ -84,3 +84,21 @@ def test_geometry_that_fixes_show_to_be_seen_from_the_wrong_end_is_not_trusted(a
     for quantity in ("cross_level", "twist", "level", "alignment", "curvature", "gradient"):
         assert verdicts[quantity].status == "not_trusted"
         assert any("set track.direction = 1" in hint for hint in verdicts[quantity].hints)
+
+
+def chainage_reasons(result: Result) -> tuple[str, ...]:
+    return next(verdict.reasons for verdict in result.summary.verdicts if verdict.quantity == "chainage")
+
+
+def test_a_jump_of_the_kilometrage_is_not_settled_by_numbers() -> None:
+    """The last third of the fixes is 60 m further, and GNSS shows that the vehicle was not."""
+    plan = replace(scenario("mainline-gnss"), balises=BaliseModel(400.0, 0.3))
+    run = simulate(plan, seed=1, duration_s=200.0)
+    assert run.recording.fixes is not None
+    n = len(run.recording.fixes)
+    behind = range(n - n // 3, n)
+    assert len(behind) >= 2
+    first_s, last_s = run.recording.fixes["t_s"].iloc[[behind[0], n - 1]]
+    reasons = chainage_reasons(smooth(with_fixes(run, dict.fromkeys(behind, 60.0))))
+    assert any(reason.startswith(f"all fixes at {first_s:.0f}-{last_s:.0f} s are +") for reason in reasons)
+    assert not any(reason.startswith("all fixes at") for reason in chainage_reasons(smooth(run.recording)))
