@@ -26,7 +26,8 @@ def waves(speed_mps: float, length_m: float = 8.0, sd_mm: float = 0.02, rows: in
     x = STEP_M * np.arange(rows)
     y = np.sin(2.0 * np.pi * x / length_m)
     columns = {name: values for column in COLUMNS.values() for name, values in ((column, y), (f"{column}_sd", sd_mm))}
-    return pd.DataFrame({"chainage_m": x, "speed_mps": speed_mps, **columns})
+    curvature = {"curvature_1pm": 1e-3 * y, "curvature_1pm_sd": 1e-3 * sd_mm}
+    return pd.DataFrame({"chainage_m": x, "speed_mps": speed_mps, **columns, **curvature})
 
 
 @pytest.mark.parametrize("backwards", [False, True])
@@ -40,12 +41,16 @@ def test_what_a_filter_of_first_order_takes_is_known(backwards: bool) -> None:
     assert doubts["twist",].factor == pytest.approx(expected, rel=0.03)
     assert "the gyro's samples hold little above 10 Hz: 0.0055 mm of twist are missing" in doubts["twist",].reason
     assert ("level",) not in doubts  # 0.0014 mm, a third of a sigma
+    assert doubts["curvature",].factor == pytest.approx(expected, rel=0.03)
+    assert "5.5e-06 1/m of curvature are missing" in doubts["curvature",].reason
 
 
 def test_a_geometry_too_fast_for_the_sensor_is_not_to_be_trusted() -> None:
-    doubts = list(ShortWaves.of(waves(30.0), STEP_M).doubts(Bandwidths(5.0, None)))
-    assert [(doubt.quantities, doubt.factor) for doubt in doubts] == [(("twist",), math.inf)]
-    assert "at 30 m/s waves shorter than 6.1 m are missing" in doubts[0].reason
+    twist, curvature = ShortWaves.of(waves(30.0), STEP_M).doubts(Bandwidths(5.0, None))
+    assert (twist.quantities, twist.factor) == (("twist",), math.inf)
+    assert "at 30 m/s waves shorter than 6.1 m are missing" in twist.reason
+    assert curvature.quantities == ("curvature",)
+    assert math.isfinite(curvature.factor)
 
 
 def test_some_fast_metres_do_not_spoil_a_slow_run() -> None:

@@ -23,7 +23,7 @@ def samples(averaged: int) -> Intervals:
 def geometry() -> pd.DataFrame:
     x = STEP_M * np.arange(2000)
     y = np.sin(x)
-    names = ("twist_mm", "versine_level_mm", "versine_alignment_mm")
+    names = ("twist_mm", "versine_level_mm", "versine_alignment_mm", "curvature_1pm")
     columns = {name: values for column in names for name, values in ((column, y), (f"{column}_sd", 0.05))}
     return pd.DataFrame({"chainage_m": x, "speed_mps": 25.0, **columns})
 
@@ -37,7 +37,7 @@ def put_in_pieces(data: Intervals) -> BandwidthTest:
 
 def test_a_slow_sensor_is_said_to_be() -> None:
     events = put_in_pieces(samples(20)).events(30.0)
-    assert [(event.kind, event.t_s) for event in events] == [(DOUBT, 30.0)] * 3
+    assert [(event.kind, event.t_s) for event in events] == [(DOUBT, 30.0)] * 4
     assert events[0].detail.startswith("twist: the gyro's samples hold little above ")
     assert "are missing: do not trust it, or filter the sensor less" in events[0].detail
 
