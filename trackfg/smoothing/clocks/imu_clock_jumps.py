@@ -109,5 +109,7 @@ def _explains_better(recording: Recording, imu: pd.DataFrame, i: int, by: float,
         of_gap, of_set = (solve(build_problem(hypothesis, config), config.solver) for hypothesis in (gap, as_set))
     except TrackfgError:  # so little of the run that it cannot be smoothed
         return False
+    if not (of_gap.converged and of_set.converged):  # costs away from a minimum say nothing of a hypothesis
+        return False
     level = max(1.0, 2.0 * of_set.cost / max(of_set.degrees_of_freedom, 1))
     return bool(2.0 * (of_gap.cost - of_set.cost) > _BETTER * level)

@@ -68,3 +68,11 @@ def test_without_another_clock_nothing_is_said(recording: Recording) -> None:
     t = recording.imu["t_s"].to_numpy()
     alone = replace(recording, tach=None, imu=recording.imu.assign(t_s=t + 5.0 * (t > 150.0)))
     assert without_imu_clock_jumps(alone, SmoothConfig()) is alone
+
+
+def test_what_does_not_converge_shows_no_jump(simulated: Callable[..., Simulation]) -> None:
+    recording = without_tach(simulated("mainline-gnss", seed=1, duration_s=300.0).recording)
+    t = recording.imu["t_s"].to_numpy()
+    jumped = replace(recording, imu=recording.imu.assign(t_s=t + 5.0 * (t > 150.0)))
+    in_two_steps = SmoothConfig.model_validate({"solver": {"max_iterations": 2}})
+    assert imu_clock_jumps(jumped, in_two_steps) == ()
