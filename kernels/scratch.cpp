@@ -49,7 +49,8 @@ constexpr std::size_t BLOCK = std::size_t{1} << 24;      // bytes that no array 
 constexpr std::size_t RESERVED = std::size_t{1} << 38;   // addresses for the file, and for pieces, bytes: 256 GiB
 constexpr std::size_t GROWTH = std::size_t{64} << 20;    // bytes that the file grows by at least
 constexpr std::size_t PAGE = std::size_t{1} << 21;       // places begin at multiples of this: of all sizes of pages
-constexpr std::size_t FASTEST = std::size_t{100} << 20;  // bytes of the file that a process faults in within 1 ms
+constexpr std::size_t FASTEST = 100'000;                 // bytes that a process faults in within 1 us: 2 MiB in 20
+constexpr auto LEAST_PAUSE = std::chrono::microseconds(1000);
 
 struct Range {
     std::size_t begin, length;
@@ -244,16 +245,16 @@ class ScratchFile {
         return true;
     }
 
-    // Look at what the process holds, and twice again before it can reach the limit.
+    // Look at what the process holds, and four times again before it can reach the limit: this thread may wake late.
     void watch() {
         std::unique_lock<std::mutex> lock(mutex_);
-        auto pause = std::chrono::milliseconds(1);
+        auto pause = LEAST_PAUSE;
         while (!wake_.wait_for(lock, pause, [this] { return ended_; })) {
             trim_heap(held_now());
             const Held held = held_now();
             let_go(held);
             const std::size_t left = limit_ - std::min(limit_, held.heap + held.of_files);
-            pause = std::chrono::milliseconds(std::max(std::size_t{1}, left / FASTEST / 2));
+            pause = std::max(LEAST_PAUSE, std::chrono::microseconds(left / FASTEST / 4));
         }
     }
 
