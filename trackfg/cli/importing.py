@@ -51,7 +51,7 @@ _SHOWN = {
 """What is shown of a proposed mapping: by section and key its name, and the key of its unit."""
 
 _MOST_NAMED = 12
-"""Columns of a table that are not used and named: decoded CAN traces have hundreds."""
+"""Columns of a table, or tables, that are not used and named: decoded CAN traces have hundreds."""
 
 
 def import_recording(
@@ -145,7 +145,7 @@ def _proposed(
     from trackfg.files.owned_folder import refuse_unwritable, refuse_used
     from trackfg.interchange.importing.conversion import converted
     from trackfg.interchange.importing.mapping import mapping_of
-    from trackfg.interchange.importing.proposal import mapping_text, propose_columns, unused_columns
+    from trackfg.interchange.importing.proposal import mapping_text, propose_columns
     from trackfg.interchange.importing.proposals.evident_by_force import settle_by_force
 
     refuse_used(out, "recordings are never overwritten")  # before questions are asked in vain
@@ -164,7 +164,7 @@ def _proposed(
             mapping = mapping_of(proposal.sections, "proposed mapping")
             conversion = converted(tables, mapping, run_id=source.stem)
             notes = _notes_of(tables, conversion)
-            notes += [_not_used(*unused) for unused in unused_columns(proposal.sections, tables).items()]
+            notes += _unused_notes(proposal, tables)
             tables.clear()  # as above
             made = conversion.write(out)
         except BadInputError:
@@ -277,9 +277,28 @@ def _notes_of_geometry(table: SourceTable, reading: GeometryReading) -> list[str
     return [*table.notes, *([_not_used(table.name, unused)] if unused else [])]
 
 
+def _unused_notes(proposal: Proposal, tables: Sequence[SourceTable]) -> list[str]:
+    """Return what is not used of the tables; those with the columns of the one that is are named together."""
+    from trackfg.interchange.importing.proposal import unused_columns
+
+    columns_of = {table.name: table.columns for table in tables}
+    used = proposal.sections["imu"]["file"]
+    unused = unused_columns(proposal.sections, tables)
+    alike = [name for name in unused if isinstance(used, str) and name != used and columns_of[name] == columns_of[used]]
+    notes = [_not_used(name, columns) for name, columns in unused.items() if name not in alike]
+    if alike:
+        hint = "Hint: other runs are imported each by itself: trackfg import FILE -o REC --mapping M.toml"
+        notes.append(f"not used: {_some(alike)}, which have the columns of {used}. {hint}")
+    return notes
+
+
 def _not_used(table: str, columns: list[str]) -> str:
-    more = f" and {len(columns) - _MOST_NAMED} more" if len(columns) > _MOST_NAMED else ""
-    return f"not used of {table}: {', '.join(columns[:_MOST_NAMED])}{more}"
+    return f"not used of {table}: {_some(columns)}"
+
+
+def _some(names: list[str]) -> str:
+    more = f" and {len(names) - _MOST_NAMED} more" if len(names) > _MOST_NAMED else ""
+    return f"{', '.join(names[:_MOST_NAMED])}{more}"
 
 
 def _report_geometry(result: Result, out: Path, notes: Iterable[str]) -> None:

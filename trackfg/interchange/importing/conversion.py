@@ -105,6 +105,7 @@ def converted(tables: Sequence[SourceTable], mapping: Mapping, *, run_id: str) -
     ``run_id`` is used where the mapping has no ``id``. Raises :class:`BadInputError` where a column is missing or
     unreadable, and where clocks cannot be brought together; the message names file, column and row.
     """
+    mapping = mapping.of_source(tables)
     parts = [read_sensor(sensor, tables, mapping) for sensor in mapping.sensors]
     parts, start_ns = on_one_clock(parts, mapping, tables)
     description, files = _described(parts, mapping, start_ns, run_id)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from collections.abc import Mapping as Dictionary
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from datetime import datetime
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -90,9 +90,10 @@ def table_named(tables: Sequence[SourceTable], pattern: str, section: str) -> So
             "expected one"
         )
     near = did_you_mean(pattern, names)
+    hint = f"{near} A pattern, such as 'log*.csv', means a file of any such name" if near else None
     raise BadInputError(
         f"[{section}] file = {pattern!r}: no such table; expected one of {', '.join(names[:30])}"
-        + (f". Hint: {near}" if near else "")
+        + (f". Hint: {hint}" if hint else "")
     )
 
 
@@ -145,6 +146,42 @@ class Mapping:
     def dialect(self, file: str) -> DialectOptions | None:
         """Return what is stated of a text file's dialect: the first entry that matches."""
         return next((options for options in self.text if fits(file, options.files)), None)
+
+    def of_source(self, tables: Sequence[SourceTable]) -> Mapping:
+        """Return the mapping with the name of the source's file, where both are of one file only.
+
+        The next log of a device has another name. Tables within a file are called ``file/table``.
+        """
+        stated = {_file_of(pattern) for sensor in self.sensors for pattern in _patterns_of(sensor)}
+        found = {_file_of(table.name) for table in tables}
+        if (
+            len(stated) != 1
+            or len(found) != 1
+            or any(fits(file, stated_file) for file in found for stated_file in stated)
+        ):
+            return self
+        (old,), (new,) = stated, found
+        sensors = tuple(_renamed(sensor, old, new) for sensor in self.sensors)
+        return replace(self, sensors=sensors)
+
+
+def _file_of(name: str) -> str:
+    return name.partition("/")[0]
+
+
+def _patterns_of(sensor: MappedSensor) -> tuple[str, ...]:
+    """Return the names of all tables of a sensor, that of the places of balises too."""
+    places = sensor.keys.get("places")
+    return sensor.files if places is None else (*sensor.files, str(places))
+
+
+def _renamed(sensor: MappedSensor, old: str, new: str) -> MappedSensor:
+    """Return a sensor of the file ``new``, which is ``old`` in its mapping."""
+    files = tuple(new + name.removeprefix(old) for name in sensor.files)
+    reading = sensor.reading.model_copy(update={"file": files[0] if len(files) == 1 else files})
+    places = sensor.keys.get("places")
+    keys = sensor.keys if places is None else sensor.keys | {"places": new + str(places).removeprefix(old)}
+    return replace(sensor, reading=reading, keys=keys)
 
 
 def read_mapping(path: Path) -> Mapping:

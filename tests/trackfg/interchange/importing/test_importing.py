@@ -96,6 +96,40 @@ def test_a_vendor_s_log_needs_one_command_and_no_script(trackfg, tmp_path):
     assert (tmp_path / "again" / "recording.toml").read_text() == (out / "recording.toml").read_text()
 
 
+def test_a_mapping_of_one_file_takes_the_next_one_whatever_its_name(trackfg, tmp_path):
+    runs = tmp_path / "logs"
+    runs.mkdir()
+    names = ("run of Monday.csv", "run of Friday.csv")
+    for seed, name in enumerate(names):
+        recording = simulate("trolley", seed=seed, duration_s=80.0).recording
+        table = recording.imu.iloc[::4].reset_index(drop=True)
+        table["distance_m"] = np.interp(table["t_s"], recording.tach["t_s"], recording.tach["distance_m"])
+        table.to_csv(runs / name, index=False)
+    made = trackfg("init", runs / names[0], "-o", tmp_path / "a", "--yes")
+    assert made.returncode == 0, made.stderr
+    mapping = tmp_path / "a.mapping.toml"
+
+    again = trackfg("import", runs / names[1], "-o", tmp_path / "b", "--mapping", mapping)
+    assert again.returncode == 0, again.stderr
+    assert read_recording(tmp_path / "b").imu["wz_radps"].equals(pd.read_csv(runs / names[1])["wz_radps"])
+
+    both = trackfg("import", runs, "-o", tmp_path / "c")
+    assert both.returncode == 0, both.stderr
+    (said,) = [line for line in both.stderr.splitlines() if "not used" in line]
+    assert f"which have the columns of {min(names)}. Hint: other runs are imported each by itself" in said
+    wrong = trackfg(
+        "import", runs, "-o", tmp_path / "d", "--mapping", _mapping_of(mapping, "run of Tuesday.csv", tmp_path)
+    )
+    assert wrong.returncode == 2
+    assert "Hint: did you mean 'run of Monday.csv'? A pattern, such as 'log*.csv'," in wrong.stderr
+
+
+def _mapping_of(mapping, name, folder):
+    other = folder / "other.toml"
+    other.write_text(mapping.read_text().replace("run of Monday.csv", name))
+    return other
+
+
 def test_init_keeps_the_answers_where_the_log_is_not_usable(trackfg, answered, tmp_path):
     source, _ = vendor_log(tmp_path)
     log = source / "log.csv"
