@@ -152,15 +152,13 @@ class Mapping:
 
         The next log of a device has another name. Tables within a file are called ``file/table``.
         """
-        stated = {_file_of(pattern) for sensor in self.sensors for pattern in _patterns_of(sensor)}
-        found = {_file_of(table.name) for table in tables}
-        if (
-            len(stated) != 1
-            or len(found) != 1
-            or any(fits(file, stated_file) for file in found for stated_file in stated)
-        ):
+        stated_files = {_file_of(pattern) for sensor in self.sensors for pattern in _patterns_of(sensor)}
+        files = {_file_of(table.name) for table in tables}
+        if len(stated_files) != 1 or len(files) != 1:
             return self
-        (old,), (new,) = stated, found
+        (old,), (new,) = stated_files, files
+        if fits(new, old):
+            return self
         sensors = tuple(_renamed(sensor, old, new) for sensor in self.sensors)
         return replace(self, sensors=sensors)
 
