@@ -157,7 +157,7 @@ class Mapping:
         if len(stated_files) != 1 or len(files) != 1:
             return self
         (old,), (new,) = stated_files, files
-        if fits(new, old):
+        if not old or fits(new, old):
             return self
         sensors = tuple(_renamed(sensor, old, new) for sensor in self.sensors)
         return replace(self, sensors=sensors)

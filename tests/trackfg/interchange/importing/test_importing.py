@@ -305,13 +305,16 @@ def test_one_wide_table_serves_sensors_of_different_rates(tmp_path):
     assert made.loaded.recording.fixes.iloc[0].tolist() == [0.5, 1500.0, 2.0]
 
 
+TACH = {"file": "imu.csv", "time": "t", "column": "gx", "unit": "m/s"}
+
+
 @pytest.mark.parametrize(
     ("sections", "message"),
     [
         ({}, "no section"),
         ({"imu": {"file": "imu.csv", **IMU}, "odometer": {}}, "unknown key 'odometer'"),
         ({"imu": {"file": "imu.csv", **IMU, "gyro": ["gx", "gy", "nope"]}}, "no column 'nope'"),
-        ({"imu": {"file": "other.csv", **IMU}}, "no such table; expected one of imu.csv"),
+        ({"imu": {"file": "other.csv", **IMU}, "tach": TACH}, "no such table; expected one of imu.csv"),
         ({"imu": {"file": "*.csv", **IMU, "gyro": ["gx", "gy"]}}, "gyro"),
         ({"imu": {"file": "imu.csv", **IMU, "time_unit": "fortnights"}}, "time_unit"),
         ({"imu": {"file": "imu.csv", **IMU}, "tach": {"file": "imu.csv", "time": "t"}}, "no key 'column'"),
