@@ -241,7 +241,7 @@ def _ridden(
 ) -> tuple[SimulatedTrack, Ride]:
     """Return the track in the frame of the run, and the ride over it; ``edges`` (n + 1,), s, are the IMU's."""
     motion = plan.driver.drive(track.line, duration_s, rng)
-    # The body's spline goes on beyond the recording, so that a longer run begins as a shorter one does.
+    # The body's spline is fitted to more than the recording, so that a longer run has the same beginning.
     beyond = np.arange(len(edges) + round(_BEYOND_S * plan.imu.rate_hz)) / plan.imu.rate_hz
     body = plan.vehicle.body_motion(track, motion, beyond)
     if not plan.georeferenced:

@@ -58,7 +58,7 @@ _OFFSET_SD_MPS = 0.14
 
 _MOST_CHANGE = 0.1
 """By more than this a wheel's scale does not change in a run: a worn wheel is 8 % smaller than a new one (850 and
-920 mm), and the creep curve ends at 2 %. Something else errs then, as a receiver that goes on in a tunnel as before."""
+920 mm), and the creep curve ends at 2 %. Another sensor errs then, such as a receiver that extrapolates in a tunnel."""
 
 _NAMED = 1e-3
 """A change of the scale below this is none worth a finding."""

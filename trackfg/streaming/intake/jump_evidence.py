@@ -118,7 +118,7 @@ class CountAround(NamedTuple):
 
     @property
     def shows_gap(self) -> bool:
-        """Return whether the first row after has gone on by half the jump or more; True at rest, where it cannot."""
+        """Return whether the count has grown over the jump by what half of it takes, or more; True at rest."""
         rate = _line(self.earlier)[0]
         if rate == 0.0:
             return True
