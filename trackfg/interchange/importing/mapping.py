@@ -152,7 +152,7 @@ class Mapping:
 
         The next log of a device has another name. Tables within a file are called ``file/table``.
         """
-        stated_files = {_file_of(pattern) for sensor in self.sensors for pattern in _patterns_of(sensor)}
+        stated_files = {_file_of(pattern) for pattern in self._patterns()}
         files = {_file_of(table.name) for table in tables}
         if len(stated_files) != 1 or len(files) != 1:
             return self
@@ -160,17 +160,23 @@ class Mapping:
         if not old or fits(new, old):
             return self
         sensors = tuple(_renamed(sensor, old, new) for sensor in self.sensors)
-        return replace(self, sensors=sensors)
+        if self.geometry is None:
+            return replace(self, sensors=sensors)
+        file = new + self.geometry.file.removeprefix(old)
+        return replace(self, sensors=sensors, geometry=self.geometry.model_copy(update={"file": file}))
+
+    def _patterns(self) -> Iterator[str]:
+        """Yield the names of all tables, those of the places of balises too."""
+        if self.geometry is not None:
+            yield self.geometry.file
+        for sensor in self.sensors:
+            yield from sensor.files
+            if "places" in sensor.keys:
+                yield str(sensor.keys["places"])
 
 
 def _file_of(name: str) -> str:
     return name.partition("/")[0]
-
-
-def _patterns_of(sensor: MappedSensor) -> tuple[str, ...]:
-    """Return the names of all tables of a sensor, that of the places of balises too."""
-    places = sensor.keys.get("places")
-    return sensor.files if places is None else (*sensor.files, str(places))
 
 
 def _renamed(sensor: MappedSensor, old: str, new: str) -> MappedSensor:

@@ -318,6 +318,10 @@ def test_init_writes_the_mapping_that_repeats_it(tmp_path: Path, waves: dict[str
     assert again.exit_code == 0, again.output
     a, b = (Result.read(tmp_path / name) for name in "ab")
     pd.testing.assert_frame_equal(a.geometry, b.geometry)
+    renamed = source.rename(tmp_path / "next.txt")
+    following = run.invoke(app, ["import", str(renamed), "-o", str(tmp_path / "c"), "--mapping", mapping])
+    assert following.exit_code == 0, following.output
+    pd.testing.assert_frame_equal(Result.read(tmp_path / "c").geometry, a.geometry)
 
 
 def test_limits_of_a_long_band_hold_for_its_channel(tmp_path: Path, waves: dict[str, np.ndarray]) -> None:

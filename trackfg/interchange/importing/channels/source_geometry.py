@@ -43,10 +43,8 @@ def geometry_in(
     if mapping is not None and mapping.geometry is None:
         return None
     if mapping is not None:
-        assert mapping.geometry is not None
-        options = mapping.geometry
-        if len(tables) == 1:  # the next file of a recording car has another name
-            options = options.model_copy(update={"file": tables[0].name})
+        options = mapping.of_source(tables).geometry
+        assert options is not None
         stated = _completed(options, tables, mapping.name)
         return table_named(tables, stated.file, "geometry"), stated, str(mapping.top.get("id", name))
     if any(triples(table, "gyro") for table in tables):
