@@ -389,6 +389,15 @@ def test_the_speeds_of_a_file_named_after_gps_are_the_receivers(drive: Drive, tm
         ("Latitude,Longitude", "S{lat:.9f},W {lon:.9f}"),
         ("Latitude,Longitude", "{lat_d}°{lat_m}'{lat_s:.6f}''S,{lon_d}°{lon_m}'{lon_s:.6f}''W"),
         ("Latitude,Longitude", "-{lat_d} {lat_m} {lat_s:.6f},-{lon_d} {lon_m} {lon_s:.6f}"),
+        (
+            "Lat_deg,Lat_min,Lat_sec,Lon_deg,Lon_min,Lon_sec",
+            "-{lat_d},{lat_m},{lat_s:.6f},-{lon_d},{lon_m},{lon_s:.6f}",
+        ),
+        (
+            "Lat [deg],Lat [min],Lat [s],NS,Lon [deg],Lon [min],Lon [s],EW",
+            "{lat_d},{lat_m},{lat_s:.6f},S,{lon_d},{lon_m},{lon_s:.6f},W",
+        ),
+        ("LatDeg,LatMin,LonDeg,LonMin", "-{lat_d},{lat_mm:.8f},-{lon_d},{lon_mm:.8f}"),
     ],
 )
 def test_hemispheres_and_minutes_of_an_angle_are_read(
@@ -402,13 +411,55 @@ def test_hemispheres_and_minutes_of_an_angle_are_read(
     _text(tmp_path / "run" / "gps.csv", [f"t [s],{head},Altitude [m]"], drive.gnss_t, cells, drive.height)
     made = imported(tmp_path / "run")
     place = pd.read_parquet(made.folder / "gnss.parquet")
-    np.testing.assert_allclose(place["Latitude"], -drive.latitude, atol=1e-8)
-    np.testing.assert_allclose(place["Longitude"], -drive.longitude, atol=1e-8)
+    np.testing.assert_allclose(place.filter(like="Lat").squeeze(), -drive.latitude, atol=1e-8)
+    np.testing.assert_allclose(place.filter(like="Lon").squeeze(), -drive.longitude, atol=1e-8)
 
 
 def _parts(angle: float) -> list[tuple[str, float]]:
     minutes = angle % 1.0 * 60.0
-    return [("d", int(angle)), ("m", int(minutes)), ("s", minutes % 1.0 * 60.0)]
+    return [("d", int(angle)), ("m", int(minutes)), ("s", minutes % 1.0 * 60.0), ("mm", minutes)]
+
+
+def test_degrees_minutes_and_seconds_of_inertial_explorer_are_three_cells(
+    drive: Drive, imported: Import, tmp_path: Path
+) -> None:
+    """Its header has one name, and one unit, above the three."""
+    _text(tmp_path / "run" / "imu.csv", [f"t [s],{INERTIAL}"], drive.t, *_inertial(drive))
+    lines = [
+        "Project:     run",
+        "Program:     Inertial Explorer Version 8.90.6611",
+        "",
+        "   TimeS        Latitude         Longitude        H-Ell     Q",
+        "  (sec)     (+/-D M S)       (+/-D M S)          (m)       ",
+    ]
+    for t, lat, lon, height in zip(drive.gnss_t, drive.latitude, drive.longitude, drive.height, strict=True):
+        angles = "  ".join("-{d} {m:02d} {s:08.5f}".format(**dict(_parts(angle))) for angle in (lat, lon))
+        lines.append(f"  {t:.2f}  {angles}  {height:.3f}  1")
+    (tmp_path / "run" / "trajectory.txt").write_text("\n".join(lines) + "\n\n")
+    made = imported(tmp_path / "run")
+    place = pd.read_parquet(made.folder / "gnss.parquet")
+    np.testing.assert_allclose(place.filter(like="Latitude").squeeze(), -drive.latitude, atol=1e-8)
+    np.testing.assert_allclose(place.filter(like="Longitude").squeeze(), -drive.longitude, atol=1e-8)
+
+
+def test_an_error_in_metres_is_no_minute(drive: Drive, imported: Import, tmp_path: Path) -> None:
+    _text(tmp_path / "run" / "imu.csv", [f"t [s],{INERTIAL}"], drive.t, *_inertial(drive))
+    head = "t [s],Latitude [deg],Latitude Error [m],Longitude [deg],Longitude Error [m]"
+    error = np.full(drive.gnss_t.size, 1.5)
+    _text(tmp_path / "run" / "gps.csv", [head], drive.gnss_t, drive.latitude, error, drive.longitude, error)
+    made = imported(tmp_path / "run")
+    place = pd.read_parquet(made.folder / "gnss.parquet")
+    np.testing.assert_allclose(place["Latitude"], drive.latitude, atol=1e-6)
+
+
+def test_minutes_beside_0_degrees_have_no_sign(drive: Drive, imported: Import, tmp_path: Path) -> None:
+    _text(tmp_path / "run" / "imu.csv", [f"t [s],{INERTIAL}"], drive.t, *_inertial(drive))
+    head = "t [s],Lat_deg,Lat_min,Lon_deg,Lon_min"
+    minutes = [(angle % 1.0) * 60.0 for angle in (drive.latitude, drive.longitude)]
+    west = ["-0"] * drive.gnss_t.size
+    _text(tmp_path / "run" / "gps.csv", [head], drive.gnss_t, [46] * len(west), minutes[0], west, minutes[1])
+    with pytest.raises(BadInputError, match="0 degrees beside minutes have no sign; expected a letter of EW"):
+        imported(tmp_path / "run")
 
 
 @pytest.mark.parametrize(

@@ -26,6 +26,10 @@ _MARKS = "#%/!* "
 
 _AXES = ("x", "y", "z")
 
+_ANGLES = ("latitude", "longitude")
+_PARTS_OF_ANGLE = ("deg", "min", "sec")
+_SIXTY = 60.0
+
 _AFTER_COMMA = re.compile(r"^(.*\S),\s*(\S+)$")
 """A name with its unit behind a comma, as after ISO 80000: ``Speed, km/h``."""
 
@@ -55,7 +59,8 @@ def header_of(
     column that is always empty, as where rows end in a delimiter, or that of the first one, of numbers of rows.
     """
     data = [row for row in rows[first:] if len(row) == width]
-    above = [row for row in (_fitted(_unmarked(row, width), width, data) for row in rows[:first]) if any(row)]
+    unmarked = (_with_parts_of_angles(_unmarked(row, width), width, data) for row in rows[:first])
+    above = [row for row in (_fitted(row, width, data) for row in unmarked) if any(row)]
     named_row = rows[header_row - 1] if header_row is not None and 0 < header_row <= len(rows) else []
     units_at = next((i for i in range(len(above) - 1, -1, -1) if above[i] != named_row and _are_units(above[i])), None)
     units_row = None if units_at is None else above[units_at]
@@ -120,6 +125,23 @@ def _fitted(row: list[str], width: int, data: list[list[str]]) -> list[str]:
     if 1 < len(row) == width - 1 and (numbered or _are_units(row)):
         return ["", *row]
     return row if len(row) == width else []
+
+
+def _with_parts_of_angles(row: list[str], width: int, data: list[list[str]]) -> list[str]:
+    """Return a row of names with three for each angle whose degrees, minutes and seconds are parted by blanks."""
+    angles = [i for i, name in enumerate(row) if meaning(name) in _ANGLES]
+    if not angles or len(row) + 2 * len(angles) != width:
+        return row
+    out: list[str] = []
+    for i, name in enumerate(row):
+        if i in angles and not all(_is_below_sixty(cells[len(out) + k]) for cells in data for k in (1, 2)):
+            return row
+        out += [f"{name} {part}" for part in _PARTS_OF_ANGLE] if i in angles else [name]
+    return out
+
+
+def _is_below_sixty(cell: str) -> bool:
+    return cell.replace(".", "", 1).isdecimal() and float(cell) <= _SIXTY
 
 
 def _unmarked(row: list[str], width: int) -> list[str]:
