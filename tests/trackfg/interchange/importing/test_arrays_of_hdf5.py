@@ -200,3 +200,44 @@ def test_netcdf_that_is_cut_off_is_refused(tmp_path: Path) -> None:
     form = source_format(tmp_path / "run.nc")
     with pytest.raises(BadInputError, match=r"run\.nc: .*expected"):
         form.tables(tmp_path / "run.nc", lambda _: None)
+
+
+@pytest.mark.parametrize(
+    ("place", "name", "value"),
+    [
+        ("array", "dt", 0.01),
+        ("group", "sample_rate", 100.0),
+        ("data set", "dt", np.array([0.01])),
+        ("data set", "fs", 100),
+        ("compound", "fs", 100),
+    ],
+)
+def test_arrays_without_times_have_the_rate_that_is_stated_beside_them(
+    place: str, name: str, value: Any, drive: Drive, tmp_path: Path, imported: Import
+) -> None:
+    with h5py.File(tmp_path / "run.h5", "w") as file:
+        if place == "compound":
+            columns = {**dict(zip(GYRO, drive.gyro.T, strict=True)), **dict(zip(ACCEL, drive.accel.T, strict=True))}
+            rows = np.rec.fromarrays(list(columns.values()), names=list(columns))
+            file.create_dataset("imu", data=rows).attrs[name] = value
+        else:
+            group = file.create_group("imu")
+            arrays = [group.create_dataset(key, data=v) for key, v in (("gyro", drive.gyro), ("acc", drive.accel))]
+            wheel = file.create_group("wheel")
+            wheel.create_dataset("wheel_speed", data=drive.speed[::10])
+            wheel.attrs["fs"] = 10.0
+            if place == "data set":
+                group[name] = value
+            for item in arrays if place == "array" else [group] if place == "group" else []:
+                item.attrs[name] = value
+    recording = imported(tmp_path / "run.h5").loaded.recording
+    assert recording is not None
+    np.testing.assert_allclose(recording.imu["t_s"], drive.t, atol=1e-9)
+    np.testing.assert_allclose(recording.gyro, drive.gyro, atol=1e-12)
+
+
+def test_an_interval_of_no_sensor_is_none(drive: Drive, tmp_path: Path, imported: Import) -> None:
+    with h5py.File(tmp_path / "run.h5", "w") as file:
+        file["gyro"], file["acc"], file["dt"] = drive.gyro, drive.accel, 10  # ms, which nothing states
+    with pytest.raises(BadInputError, match="Samples per second"):
+        imported(tmp_path / "run.h5")

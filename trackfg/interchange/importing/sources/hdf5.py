@@ -18,7 +18,7 @@ import pandas as pd
 
 from trackfg.files.libraries import library
 from trackfg.interchange.importing.columns.column_names import meaning
-from trackfg.interchange.importing.shapes.array_tables import RATE, tables_of_arrays
+from trackfg.interchange.importing.shapes.array_tables import names_rate, tables_of_arrays
 from trackfg.interchange.importing.shapes.dates_since import with_dates
 from trackfg.interchange.importing.shapes.packed_values import scale_in, scale_of_others, unit_in, unpacked
 from trackfg.interchange.importing.shapes.usual_shape import in_usual_shape_of_types
@@ -179,7 +179,9 @@ def _compound_tables(h5py: Any, file: Any) -> Iterator[SourceTable]:
     for dataset in _all_of(h5py.Dataset, file):
         if dataset.dtype.names and len(dataset):
             values = dataset[()]
-            yield from tables_of_arrays({name: values[name] for name in dataset.dtype.names}, dataset.name.lstrip("/"))
+            rates = {name: rate for item in (file, dataset.parent, dataset) for name, rate in _rates_at(item)}
+            columns = {name: values[name] for name in dataset.dtype.names}
+            yield from tables_of_arrays({**rates, **columns}, dataset.name.lstrip("/"))
 
 
 def _pandas_tables(h5py: Any, file: Any) -> Iterator[SourceTable]:
@@ -278,9 +280,12 @@ def _arrays(h5py: Any, file: Any) -> Iterator[tuple[str, np.ndarray]]:
             else:
                 yield name, values
     for item in (file, *_all_of(h5py.Group, file), *_all_of(h5py.Dataset, file)):
-        for name, value in item.attrs.items():
-            if RATE.match(name):
-                yield f"{item.name}/{name}".strip("/"), np.asarray(value)
+        yield from ((f"{item.name}/{name}".strip("/"), value) for name, value in _rates_at(item))
+
+
+def _rates_at(item: Any) -> Iterator[tuple[str, np.ndarray]]:
+    """Yield the attributes of a file, a group or an array that are a sampling rate or the interval of samples."""
+    return ((name, np.asarray(value)) for name, value in item.attrs.items() if names_rate(name))
 
 
 def _attributes(dataset: Any) -> dict[str, Any]:

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from trackfg.interchange.importing.shapes.array_tables import RATE, tables_of_arrays
+from trackfg.interchange.importing.shapes.array_tables import names_rate, tables_of_arrays
 from trackfg.interchange.importing.shapes.dates_since import with_dates
 from trackfg.interchange.importing.shapes.packed_values import unit_in, unpacked
 from trackfg.interchange.importing.shapes.usual_shape import in_usual_shape_of_types
@@ -40,6 +40,6 @@ class ClassicNetCdf(SourceFormat):
                 arrays[name] = unpacked(values.astype(values.dtype.newbyteorder("=")), attributes)
                 if (unit := unit_in(attributes)) is not None:
                     units[name] = unit
-            rates = {key: np.asarray(value) for key, value in file._attributes.items() if RATE.match(key)}
+            rates = {key: np.asarray(value) for key, value in file._attributes.items() if names_rate(key)}
         tables = [with_dates(table) for table in tables_of_arrays({**arrays, **rates}, path.name, units)]
         return refuse_empty(in_usual_shape_of_types(tables), path, "variables of numbers")
