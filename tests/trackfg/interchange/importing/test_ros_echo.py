@@ -1,4 +1,4 @@
-"""Lines of ``ros2 topic echo --csv`` have no names: messages of two types are known by their cells."""
+"""Lines of ``ros2 topic echo --csv`` have no names: messages of three types are known by their cells."""
 
 from __future__ import annotations
 
@@ -72,6 +72,65 @@ def test_positions_have_the_sigmas_of_their_covariance(
     assert len(recording.gnss) == drive.gnss_t.size - 1
     sigmas = recording.gnss[["east_sd_m", "north_sd_m", "up_sd_m"]]
     np.testing.assert_allclose(sigmas, np.tile(sd, (len(sigmas), 1)))
+
+
+def _odometry(path: Path, drive: Drive, child: str = "base_link", across: float = 0.0) -> Path:
+    rows = drive.t.size
+    zeros = np.zeros((rows, 3))
+    position = np.column_stack([np.cumsum(drive.speed) / 100.0, zeros[:, :2]])
+    velocity = np.column_stack([drive.speed, across * drive.speed, zeros[:, 0]])
+    covariance = np.tile(np.eye(6).ravel(), (rows, 1))
+    numbers = np.hstack([position, np.tile((0.0, 0.0, 0.0, 1.0), (rows, 1)), covariance, velocity, zeros, covariance])
+    head = {"sec": drive.ns // 10**9, "nanosec": drive.ns % 10**9, "frame": "odom", "child": child}
+    pd.concat([pd.DataFrame(head), pd.DataFrame(numbers)], axis=1).to_csv(path, index=False, header=False)
+    return path
+
+
+@pytest.mark.parametrize(("child", "across"), [("base_link", 0.0), ("gps", 0.0), ("base_link", 0.5)])
+def test_odometry_is_the_speed_unless_it_is_a_receiver_s(
+    child: str, across: float, drive: Drive, tmp_path: Path, imported: Import
+) -> None:
+    source = tmp_path / "log"
+    source.mkdir()
+    _imu(source / "imu.csv", drive)
+    _odometry(source / "odom.csv", drive, child, across)
+    recording = imported(source).loaded.recording
+    assert recording is not None
+    if child == "gps" or across:
+        assert recording.tach is None
+        return
+    assert recording.tach is not None
+    rolled = np.ptp(recording.tach["distance_m"])
+    assert rolled == pytest.approx(np.trapezoid(drive.speed, drive.t), rel=1e-3)
+
+
+def _plotted(path: Path, drive: Drive, fields: dict[str, np.ndarray]) -> None:
+    """As ``rostopic echo -p`` prints messages: names of all fields, with the time of receipt before them."""
+    head = {"%time": drive.ns + 4_000_000, "field.header.seq": np.arange(drive.t.size), "field.header.stamp": drive.ns}
+    columns = {f"field.{name}": values for name, values in fields.items()}
+    pd.DataFrame({**head, "field.header.frame_id": "odom", **columns}).to_csv(path, index=False)
+
+
+def test_odometry_of_ros_1_is_the_speed(drive: Drive, tmp_path: Path, imported: Import) -> None:
+    source = tmp_path / "log"
+    source.mkdir()
+    vectors = {"angular_velocity": drive.gyro, "linear_acceleration": drive.accel}
+    fields = {f"{name}.{axis}": v[:, i] for name, v in vectors.items() for i, axis in enumerate("xyz")}
+    _plotted(source / "imu.csv", drive, fields)
+    still = 0.0 * drive.t
+    pose = {"child_frame_id": np.full(still.size, "base"), "pose.pose.position.x": np.cumsum(drive.speed) / 100.0}
+    pose |= {"pose.pose.position.y": still, "pose.pose.position.z": still}
+    pose |= {f"pose.pose.orientation.{axis}": still + (axis == "w") for axis in "xyzw"}
+    pose |= {f"pose.covariance{i}": still for i in range(36)}
+    twist = {"twist.twist.linear.x": drive.speed, "twist.twist.linear.y": still, "twist.twist.linear.z": still}
+    twist |= {f"twist.twist.angular.{axis}": drive.gyro[:, i] for i, axis in enumerate("xyz")}
+    _plotted(source / "odom.csv", drive, {**pose, **twist, **{f"twist.covariance{i}": still for i in range(36)}})
+    recording = imported(source).loaded.recording
+    assert recording is not None
+    np.testing.assert_allclose(recording.accel, drive.accel, atol=1e-9)
+    assert recording.tach is not None
+    rolled = np.ptp(recording.tach["distance_m"])
+    assert rolled == pytest.approx(np.trapezoid(drive.speed, drive.t), rel=1e-3)
 
 
 def test_forty_numbers_with_no_quaternion_are_no_imu(drive: Drive, tmp_path: Path, imported: Import) -> None:

@@ -29,13 +29,13 @@ from trackfg.interchange.importing.sources.messages import (
 
 IMU_COLUMNS = ("gyro_x", "gyro_y", "gyro_z", "accel_x", "accel_y", "accel_z")
 FIX_COLUMNS = ("latitude", "longitude", "altitude", *SIGMAS)
-_TWIST_COLUMNS = ("speed_mps", "across_mps")
+TWIST_COLUMNS = ("speed_mps", "across_mps")
 NO_FIX, UNKNOWN = -1, 0
 """Of ``NavSatFix``: the status without a position, and the type of a covariance that says nothing. A driver that sets
 no status leaves -2 (ROS 2 Jazzy)."""
 _ACROSS = 0.1
 """A vehicle on a track moves across it by less than this share of its speed: a velocity with more is not along x."""
-_RECEIVER = re.compile(r"gps|gnss|navsat|ublox|novatel", re.IGNORECASE)
+RECEIVER = re.compile(r"gps|gnss|navsat|ublox|novatel", re.IGNORECASE)
 """In the names of topics and frames of receivers, whose velocity is east and north."""
 _MOST_NUMBERS = 100
 """A message with longer arrays, an image or a scan, is none of a sensor of motion; covariances have 36 numbers."""
@@ -56,7 +56,7 @@ def _fix(message: Any) -> dict[str, float]:
 def _twist(message: Any) -> dict[str, float]:
     twist = message.twist
     linear = (twist.twist if hasattr(twist, "twist") else twist).linear
-    return dict(zip(_TWIST_COLUMNS, (linear.x, linear.y), strict=True))
+    return dict(zip(TWIST_COLUMNS, (linear.x, linear.y), strict=True))
 
 
 _MESSAGES: dict[str, Callable[[Any], Mapping[str, float | str]]] = {
@@ -97,7 +97,7 @@ class RosBag(SourceFormat):
                     cells = _MESSAGES.get(connection.msgtype, cells_of)(message)
                     topics.take(connection.topic, measured_ns(message, received_ns), cells)
                     frame = getattr(getattr(message, "header", None), "frame_id", "")
-                    if _RECEIVER.search(f"{connection.topic} {frame}"):
+                    if RECEIVER.search(f"{connection.topic} {frame}"):
                         receivers.add(connection.topic)
         tables = in_usual_shape_of_types([_usable(table, table.name in receivers) for table in topics.tables()])
         return refuse_empty(tables, path, "messages with numbers")
@@ -107,7 +107,7 @@ class RosBag(SourceFormat):
 
         Where gravity contradicts that, the data and their owner say how the sensor lies.
         """
-        imu, fix, speed = (_longest(tables, columns) for columns in (IMU_COLUMNS, FIX_COLUMNS, _TWIST_COLUMNS[:1]))
+        imu, fix, speed = (_longest(tables, columns) for columns in (IMU_COLUMNS, FIX_COLUMNS, TWIST_COLUMNS[:1]))
         time = {"time": STAMP, "time_unit": "ns"}
         sections: dict[str, Any] = {}
         if imu is not None:
@@ -149,16 +149,21 @@ def _has_numbers(reader: Any, connection: Any) -> bool:
 
 def _usable(table: SourceTable, of_receiver: bool) -> SourceTable:
     """Return positions without the rows that have none, and a velocity that is not the vehicle's by other names."""
+    if "latitude" in table.columns:
+        frame = table.frame.dropna(subset=["latitude", "longitude"], ignore_index=True)
+        table = replace(table, frame=frame)
+    return with_velocity_along(table, of_receiver=of_receiver)
+
+
+def with_velocity_along(table: SourceTable, *, of_receiver: bool) -> SourceTable:
+    """Return a table with its velocity along the vehicle alone; a velocity that is not the vehicle's by other names."""
     frame = table.frame
-    if "latitude" in frame:
-        frame = frame.dropna(subset=["latitude", "longitude"], ignore_index=True)
-    if set(_TWIST_COLUMNS) <= set(frame):
-        along, across = (np.sqrt(np.nanmean(np.square(frame[name]))) for name in _TWIST_COLUMNS)
-        if of_receiver or across > _ACROSS * along:
-            frame = frame.rename(columns=dict(zip(_TWIST_COLUMNS, ("x_mps", "y_mps"), strict=True)))
-        else:
-            frame = frame.drop(columns=_TWIST_COLUMNS[1])
-    return replace(table, frame=frame)
+    if not set(TWIST_COLUMNS) <= set(frame):
+        return table
+    along, across = (np.sqrt(np.nanmean(np.square(frame[name]))) for name in TWIST_COLUMNS)
+    if of_receiver or across > _ACROSS * along:
+        return replace(table, frame=frame.rename(columns=dict(zip(TWIST_COLUMNS, ("x_mps", "y_mps"), strict=True))))
+    return replace(table, frame=frame.drop(columns=TWIST_COLUMNS[1]))
 
 
 def _longest(tables: Sequence[SourceTable], columns: Sequence[str]) -> SourceTable | None:
