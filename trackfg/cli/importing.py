@@ -223,9 +223,10 @@ def _ask(question: Question) -> str:
     from rich.prompt import InvalidResponse, Prompt
 
     from trackfg.errors import BadInputError
+    from trackfg.interchange.importing.proposals.questions import choice_in
 
     class Answer(Prompt):
-        """Takes the beginning of a choice for the whole of it, and refuses what the question does not accept.
+        """Takes the beginning of a choice, or a translated yes, for the whole of it, and refuses what is not accepted.
 
         Answers that do not come from a terminal are shown, as those that are typed.
         """
@@ -240,13 +241,10 @@ def _ask(question: Question) -> str:
         def process_response(self, value: str) -> str:
             answer = value.strip()
             if question.choices:
-                if answer in question.choices:
-                    return answer
-                beginning = answer.casefold()
-                matches = [choice for choice in question.choices if answer and choice.casefold().startswith(beginning)]
-                if len(matches) != 1:
+                choice = choice_in(answer, question.choices)
+                if choice is None:
                     raise InvalidResponse(f"[prompt.invalid]expected {' or '.join(question.choices)}")
-                return matches[0]
+                return choice
             if not answer or not question.accepts(answer):
                 refused = escape(answer) or "An empty answer"
                 raise InvalidResponse(

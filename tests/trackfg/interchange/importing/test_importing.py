@@ -21,6 +21,7 @@ from trackfg.interchange.importing.columns.time_columns import time_columns
 from trackfg.interchange.importing.conversion import write_imported
 from trackfg.interchange.importing.mapping import mapping_of, read_mapping
 from trackfg.interchange.importing.proposal import propose
+from trackfg.interchange.importing.proposals.questions import choice_in, number_in
 from trackfg.interchange.importing.registry import source_format, source_formats
 from trackfg.io.reader import read_recording
 from trackfg.smoothing.smoother import smooth
@@ -75,7 +76,7 @@ def test_a_vendor_s_log_needs_one_command_and_no_script(trackfg, tmp_path):
 
     assert done.returncode == 0, done.stderr
     said = " ".join(done.stdout.split())
-    assert "920 is not understood; expected a number with a decimal point, such as 0.92, up to 2" in said
+    assert "920 is not understood; expected a number such as 0.92, up to 2" in said
     assert "nowhere is not understood; expected a zone such as Europe/Zurich" in said
     assert "time_zone" not in done.stderr  # it was answered
     assert "trackfg check says whether they agree" in done.stdout
@@ -180,6 +181,30 @@ def test_a_result_is_no_source_but_a_folder_with_a_summary_of_another_system_is(
     assert source_format(tmp_path / "log").key == "text"
 
 
+@pytest.mark.parametrize(
+    ("answer", "within", "number"),
+    [
+        ("1,435", (0.3, 4.0), 1.435),  # bounds say which comma it is
+        ("0,92", (0.0, 2.0), 0.92),
+        ("1,024", (0.0, np.inf), None),  # pulses per turn: a thousand, or one
+        ("90,0", (0.0, np.inf), 90.0),
+        ("1,234.5", (0.0, np.inf), 1234.5),
+        ("-3", (0.0, np.inf), None),
+        ("ninety", (0.0, np.inf), None),
+    ],
+)
+def test_a_number_may_have_a_decimal_comma(answer, within, number):
+    assert number_in(answer, within) == number
+
+
+@pytest.mark.parametrize(
+    ("answer", "choice"),
+    [("y", "yes"), ("Oui", "yes"), ("sí", "yes"), ("ne", "no"), ("Nein", "no"), ("maybe", None), ("", None)],
+)
+def test_yes_and_no_may_be_said_in_other_languages(answer, choice):
+    assert choice_in(answer, ("yes", "no")) == choice
+
+
 def test_init_says_what_it_recognised_and_takes_the_place_where_the_run_begins(answered, tmp_path):
     recording = simulate("trolley", seed=1, duration_s=80.0).recording
     imu = recording.imu.iloc[::4]
@@ -196,15 +221,18 @@ def test_init_says_what_it_recognised_and_takes_the_place_where_the_run_begins(a
     assert done.returncode == 0, done.stderr
     said = " ".join(done.stdout.split())
     assert "expected yes or no" in said  # a choice may be begun, not guessed
-    assert "1435 is not understood; expected a number with a decimal point, such as 1.435, from 0.3 to 4" in said
+    assert "1435 is not understood; expected a number such as 1.435, from 0.3 to 4" in said
     assert "nowhere is not understood; expected a place such as 12+345" in said
     assert "Recognised in trolley.csv" in said
     toml = tomllib.loads((tmp_path / "run" / "recording.toml").read_text())
     assert toml["imu"]["rigid"] is True
     assert toml["kilometrage"] == {"direction": "descending", "equation": [{"chainage_m": 0.0, "km": "12+300"}]}
-    unanswered = answered("init", source, "-o", tmp_path / "other", answers="yes\n1.067\n")
+    unanswered = answered("init", source, "-o", tmp_path / "other", answers="Ja\n1,067\n")
     assert unanswered.returncode == 0, unanswered.stderr  # where it begins need not be known
-    assert "kilometrage" not in tomllib.loads((tmp_path / "other" / "recording.toml").read_text())
+    toml = tomllib.loads((tmp_path / "other" / "recording.toml").read_text())
+    assert toml["imu"]["rigid"] is True
+    assert toml["track"]["gauge_m"] == pytest.approx(1.067)
+    assert "kilometrage" not in toml
     ended = answered("init", source, "-o", tmp_path / "third", answers="yes\n")
     assert ended.returncode == 2
     assert "track.gauge_m: no answer to: Track gauge, m. Hint: take the defaults by --yes" in ended.stderr

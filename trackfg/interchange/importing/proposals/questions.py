@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -38,6 +39,64 @@ class Question:
 
 Ask = Callable[[Question], str]
 
+_YES_OR_NO = {
+    "yes": (
+        "ja",
+        "j",
+        "oui",
+        "o",
+        "si",
+        "sí",
+        "sì",
+        "s",
+        "sim",
+        "tak",
+        "ano",
+        "igen",
+        "kyllä",
+        "да",
+        "是",
+        "true",
+        "1",
+    ),
+    "no": ("nein", "non", "nee", "nej", "nei", "não", "nie", "ne", "nem", "ei", "нет", "否", "不是", "false", "0"),
+}
+"""What is taken for yes and no besides their own beginnings, in the languages that channels of tables are named in."""
+_GROUPED = re.compile(r"[1-9]\d{0,2}(,\d{3})+(\.\d*)?")
+"""A number with commas that may stand between thousands."""
+
+
+def choice_in(answer: str, choices: Sequence[str]) -> str | None:
+    """Return the one choice that an answer, or its beginning, means; None where it is none or several.
+
+    Yes and no may be answered in other languages.
+    """
+    word = answer.strip().casefold()
+    if answer.strip() in choices:
+        return answer.strip()
+    translated = [choice for choice in choices if word in _YES_OR_NO.get(choice, ())]
+    matches = translated or [choice for choice in choices if word and choice.casefold().startswith(word)]
+    return matches[0] if len(matches) == 1 else None
+
+
+def number_in(answer: str, within: tuple[float, float] = (0.0, float("inf"))) -> float | None:
+    """Return the number of an answer, above zero and ``within`` two bounds; None where it is none, or may be two.
+
+    A comma is a decimal one, or stands between thousands: ``1,435`` is what the bounds allow.
+    """
+    text = answer.strip()
+    readings = [text.replace(",", ".")] if text.count(",") <= 1 and not ("," in text and "." in text) else []
+    readings += [text.replace(",", "")] if _GROUPED.fullmatch(text) else []
+    numbers = set()
+    for reading in readings:
+        try:
+            numbers.add(float(reading))
+        except ValueError:
+            return None
+    low, high = within
+    possible = [number for number in numbers if 0.0 < number < float("inf") and low <= number <= high]
+    return possible[0] if len(possible) == 1 else None
+
 
 def asked(ask: Ask, question: Question) -> str:
     """Return the answer. Raises :class:`BadInputError` where there is none, or none that the question accepts."""
@@ -57,17 +116,16 @@ def asked_number(
 ) -> float:
     """Return a number above zero and ``within`` two bounds, so that an answer in another unit is asked again."""
     low, high = within
-    expected = f"a number with a decimal point, such as {default}" if default else "a number"
+    expected = f"a number such as {default}" if default else "a number"
     if high < float("inf"):
         expected += f", up to {high:g}" if low == 0.0 else f", from {low:g} to {high:g}"
 
-    def accepts(answer: str) -> bool:
-        try:
-            return 0.0 < float(answer) < float("inf") and low <= float(answer) <= high
-        except ValueError:
-            return False
-
-    return float(asked(ask, Question(key, text, default, accepts=accepts, expected=expected)))
+    question = Question(
+        key, text, default, accepts=lambda answer: number_in(answer, within) is not None, expected=expected
+    )
+    number = number_in(asked(ask, question), within)
+    assert number is not None
+    return number
 
 
 def asked_unit(ask: Ask, key: str, text: str, default: str, quantity: Quantity) -> str:
@@ -140,6 +198,6 @@ class Proposal:
             "has no times" if stalled is None else f"has times, {stalled[0]}, of {stalled[1]} values only in all rows"
         )
         text = f"Samples per second, since {table.name} {reason}"
-        answer = asked_number(ask, "imu.rate_hz", text, "" if rate is None else f"{rate:g}")
-        self.reasons["imu.tick_s"] = f"of {answer:g} samples per second"
+        answer = asked_number(ask, "imu.rate_hz", text, "" if rate is None else f"{rate:.12g}")
+        self.reasons["imu.tick_s"] = f"of {answer:.12g} samples per second"
         return {"time": counter_of(table), "time_unit": "ticks", "tick_s": 1.0 / answer}
