@@ -161,6 +161,13 @@ class Odo(Outlined):
         """Return the states with ``by_m`` added to the distance along the track."""
         return Odo(self.array + np.array([by_m, 0.0, 0.0, 0.0]))
 
+    def turned_round(self) -> Odo:
+        """Return the states of a way in the other direction from the first one on; the wheel counts as before."""
+        array = self.array.copy()
+        array[:, self.DISTANCE] = 2.0 * array[0, self.DISTANCE] - array[:, self.DISTANCE]
+        array[:, self.STEP] *= -1.0
+        return Odo(array)
+
 
 Value = Nav | Odo | Array
 """The values of one kind of variable: ``Nav``, ``Odo``, or an array (m, dim)."""
@@ -279,6 +286,19 @@ class States(Outlined):
     def moved_along(self, by_m: float) -> States:
         """Return the states ``by_m`` further along the track."""
         return replace(self, odo=self.odo.moved_along(by_m))
+
+    @property
+    def is_mounted_backwards(self) -> bool:
+        """Return whether the direction of travel is behind the sensor, which no declaration of its axes makes it."""
+        return bool(np.abs(np.angle(np.exp(1j * self.mount[0, 1]))) > 0.5 * np.pi)
+
+    def turned_round(self) -> States:
+        """Return the states with the other end of the vehicle ahead: sensor and path as they are, mounting and odometer
+        half a turn on.
+        """
+        mount = self.mount.copy()
+        mount[:, 1] = np.angle(np.exp(1j * (mount[:, 1] + np.pi)))
+        return replace(self, odo=self.odo.turned_round(), mount=mount)
 
 
 @dataclass(frozen=True, repr=False)

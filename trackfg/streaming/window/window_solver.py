@@ -113,4 +113,18 @@ class WindowSolver:
         if not self.heading_known:
             distance = solution.states.odo.distance
             self.damped_work += solution.trials * int(np.sum(np.abs(distance - distance[0]) > _MOVED_M))
-        return replace(window, states=solution.states)
+        solved = replace(window, states=solution.states)
+        return self._right_way_round(solved, config) if solved.states.is_mounted_backwards else solved
+
+    def _right_way_round(self, window: Window, config: SolverConfig) -> Window:
+        """Return the solved window, or that with the other end of the vehicle ahead, whichever costs less.
+
+        From a wrong heading the solver may end in a minimum in which the vehicle runs backwards with its mounting half
+        a turn off: positions and inertial sensor agree with that, and the wheel slips all the way.
+        """
+        turned = replace(window, states=window.states.turned_round())
+        try:
+            turned = replace(turned, states=solve(turned, config).states)
+        except FAILURES:
+            return window
+        return turned if turned.cost < window.cost else window
