@@ -49,6 +49,7 @@ less.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -377,9 +378,8 @@ def _findings(t: Array, errors: GnssErrors, judged: _Judged) -> tuple[Finding, .
     return (Finding("warning", f"{judged.code}-level", message, hint=judged.hint),)
 
 
-def _placed(run: SolvedRun) -> dict[Quantity, str]:
+def placed_by_positions(*, has_fixes: bool) -> dict[Quantity, str]:
     """Return what the positions place, with its column: the chainage, too, unless fixes do."""
-    has_fixes = run.problem.family(FactorType.ABSOLUTE_FIX) is not None
     return {"position": "east_m"} if has_fixes else {"position": "east_m", "chainage": "chainage_m"}
 
 
@@ -394,21 +394,43 @@ def _unsettled(run: SolvedRun, grown: float) -> tuple[Doubt, ...]:
     return (Doubt(tuple(_placed(run)), factor, reason, _POSITIONS.hint),)
 
 
+def _placed(run: SolvedRun) -> dict[Quantity, str]:
+    return placed_by_positions(has_fixes=run.problem.family(FactorType.ABSOLUTE_FIX) is not None)
+
+
 def _shared_errors(run: SolvedRun, family: Family, declared: Array, level: Array) -> tuple[Doubt, ...]:
-    """Return the doubt of what positions place, where their horizontal residuals have a ``level`` (m, d) far below the
+    """Return the doubt of what positions place, where their residuals have a ``level`` (m, d) far below the
+    ``declared`` sigmas (m, d), m.
+    """
+    shared = None if run.config.position.gnss_correlation_s else shared_error(level, declared)
+    if shared is None:
+        return ()
+    states, at = run.solution.states, family.slots[0].index
+    variances = keyframe_variances(states, run.covariance, run.problem.run.lever_arm)[at].mean(axis=0)
+    return tuple(shared.doubts({of: float(variances[QUANTITIES.index(by)]) for of, by in _placed(run).items()}))
+
+
+class SharedError(NamedTuple):
+    """The ``variance`` of an error that positions may share, m^2, and the reason."""
+
+    variance: float
+    reason: str
+
+    def doubts(self, variances: Mapping[Quantity, float]) -> Iterator[Doubt]:
+        """Yield doubts of quantities of such ``variances``, m^2."""
+        hint = "declare the sigma that the positions have, and position.gnss_correlation_s"
+        for quantity, variance in variances.items():
+            factor = math.sqrt(1.0 + self.variance / variance)
+            if factor >= LEAST_CHANGE:
+                yield Doubt((quantity,), factor, self.reason, hint)
+
+
+def shared_error(level: Array, declared: Array) -> SharedError | None:
+    """Return the error that positions may share, where their horizontal residuals have a ``level`` (m, d) far below the
     ``declared`` sigmas (m, d), m.
     """
     scatter = float(np.median(level[:, :2] ** 2))
-    if run.config.position.gnss_correlation_s or scatter > _SCATTER:
-        return ()
-    shared = (1.0 - scatter) * float(np.median(declared[:, :2] ** 2))
-    states, at = run.solution.states, family.slots[0].index
-    variances = keyframe_variances(states, run.covariance, run.problem.run.lever_arm)[at]
+    if scatter > _SCATTER:
+        return None
     reason = f"GNSS positions scatter by {math.sqrt(scatter):.2g} of their declared sigmas: they may share the rest"
-    hint = "declare the sigma that the positions have, and position.gnss_correlation_s"
-    doubts = []
-    for quantity, column in _placed(run).items():
-        factor = math.sqrt(1.0 + shared / float(np.mean(variances[:, QUANTITIES.index(column)])))
-        if factor >= LEAST_CHANGE:
-            doubts.append(Doubt((quantity,), factor, reason, hint))
-    return tuple(doubts)
+    return SharedError((1.0 - scatter) * float(np.median(declared[:, :2] ** 2)), reason)

@@ -17,6 +17,7 @@ from trackfg.checks.receiver_speeds import receiver_speed_findings
 from trackfg.factors.factor_type import FactorType
 from trackfg.factors.family import Family
 from trackfg.factors.states import States
+from trackfg.numerics.arrays import Array
 from trackfg.numerics.units import KMH
 from trackfg.recording.findings import Finding
 from trackfg.recording.model import GNSS_SPEED_TABLE, Recording
@@ -113,19 +114,75 @@ def weightless_sensors(run: SolvedRun) -> Reassessment:
     for family in families:
         if shares.get(family.type, 0.0) <= _MOST:
             continue
-        sensor = _SENSORS[family.type]
-        reason = (
-            f"{sensor.name} contradict the other sensors and {100 * shares[family.type]:.0f} % of them have no weight"
-        )
-        backwards = False
-        if family.type is FactorType.TACH_DISTANCE and (ratio := _moved_per_count(family, states)) is not None:
-            reason, backwards = reason + _in_words(ratio), ratio < 0.0
-        findings.append(Finding("warning", "without-weight", reason, hint=sensor.hint))
-        if backwards:
-            doubts.append(Doubt(_WITH_SENSE, np.inf, reason, sensor.hint))
-        elif not any(shares.get(other, 1.0) <= _MOST for other in sensor.instead):
-            doubts.append(Doubt(sensor.quantities, np.inf, reason, sensor.hint))
+        ratio = None
+        if family.type is FactorType.TACH_DISTANCE:
+            ratio = TachRows.of(family, states).usually_moved
+        contradiction = contradiction_of(family.type, shares[family.type], ratio)
+        findings.append(Finding("warning", "without-weight", contradiction.reason, hint=contradiction.hint))
+        instead = any(shares.get(other, 1.0) <= _MOST for other in _SENSORS[family.type].instead)
+        doubts += contradiction.doubts(instead=instead)
     return Reassessment(run.problem, tuple(findings), tuple(doubts))
+
+
+class Contradiction(NamedTuple):
+    """A sensor without weight contradicts all others: the ``reason``, what to do, and which ``quantities`` rest on it;
+    ``always``: whether these also do where something else measures them.
+    """
+
+    reason: str
+    hint: str
+    quantities: tuple[Quantity, ...]
+    always: bool
+
+    def doubts(self, *, instead: bool) -> tuple[Doubt, ...]:
+        """Return the doubt of the quantities; none where something else measures them ``instead``."""
+        if instead and not self.always:
+            return ()
+        return (Doubt(self.quantities, np.inf, self.reason, self.hint),)
+
+
+def contradiction_of(kind: FactorType, share: float, ratio: float | None = None) -> Contradiction:
+    """Return what a sensor contradicts of whose measurements a ``share`` has no weight.
+
+    ``ratio``: how many times as far as a tach counts the vehicle moves, where that is known.
+    """
+    sensor = _SENSORS[kind]
+    reason = f"{sensor.name} contradict the other sensors and {100 * share:.0f} % of them have no weight"
+    if ratio is None:
+        return Contradiction(reason, sensor.hint, sensor.quantities, always=False)
+    backwards = ratio < 0.0
+    quantities = _WITH_SENSE if backwards else sensor.quantities
+    return Contradiction(reason + _in_words(ratio), sensor.hint, quantities, always=backwards)
+
+
+class TachRows(NamedTuple):
+    """Distances of a tach in motion, each up to its ``last_keyframe`` (m,): whether they are ``weightless`` (m,), and
+    how many times as far as each says the vehicle ``moved`` (m,), NaN where it counts nothing.
+    """
+
+    last_keyframe: np.ndarray
+    weightless: np.ndarray
+    moved: Array
+
+    @classmethod
+    def of(cls, family: Family, states: States) -> TachRows:
+        """Return those of a ``family`` of a tach's distances."""
+        moving = _moving(family, np.linalg.norm(states.nav.v, axis=1))
+        k = family.last_keyframe[moving]
+        counted = states.odo.count[k] - states.odo.count[k - 1]
+        moved = np.divide(states.odo.step[k], counted, out=np.full(len(k), np.nan), where=counted != 0.0)
+        return cls(k, family.weights(states)[moving] < _NO_WEIGHT, moved)
+
+    @property
+    def usually_moved(self) -> float | None:
+        """The median of how many times as far the vehicle moves; None where the tach counts nothing."""
+        return float(np.nanmedian(self.moved)) if np.isfinite(self.moved).any() else None
+
+    @property
+    def contradiction(self) -> Contradiction | None:
+        """What the tach contradicts; None unless most of its distances have no weight."""
+        share = float(np.mean(self.weightless)) if len(self.weightless) >= _FEWEST else 0.0
+        return contradiction_of(FactorType.TACH_DISTANCE, share, self.usually_moved) if share > _MOST else None
 
 
 def _weightless_share(family: Family, states: States) -> float:
@@ -141,14 +198,6 @@ def _moving(family: Family, speed: np.ndarray) -> np.ndarray:
         return np.ones(len(family), dtype=bool)
     slow = np.minimum(speed[family.first_keyframe], speed[family.last_keyframe])
     return np.asarray((slow > _MOVING_MPS) & (family.sigma[:, 0] < _NO_WEIGHT_SD))
-
-
-def _moved_per_count(family: Family, states: States) -> float | None:
-    """Return by how much the vehicle moves further than the wheel counts; None where that counts nothing."""
-    k = family.last_keyframe[_moving(family, np.linalg.norm(states.nav.v, axis=1))]
-    counted = states.odo.count[k] - states.odo.count[k - 1]
-    moved = states.odo.step[k][np.abs(counted) > 0.0] / counted[np.abs(counted) > 0.0]
-    return float(np.median(moved)) if moved.size else None
 
 
 def _in_words(ratio: float) -> str:

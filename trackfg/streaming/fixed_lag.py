@@ -240,6 +240,7 @@ class FixedLagSmoother:
             pieces = [tables.next_piece(self._buffer, inputs, settled, at_end=at_end)]
             self._moving.votes.written_s = tables.done_s
             self._tests.put_trajectory(pieces[0].trajectory, self._moving)
+            self._tests.put_window(step.whole_window)
             self._tests.put_samples(self._buffer.intervals(begin_s, tables.done_s), running, pieces[0])
         locator = self._locator
         events = self._moving.votes.pop_events() if locator is None else self._locate(locator, pieces, step)

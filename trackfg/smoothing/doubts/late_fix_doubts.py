@@ -13,6 +13,8 @@ scatter by more than declared the chainage is unsure by the mean square of these
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Iterator
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -55,15 +57,39 @@ def late_fix_doubts(run: SolvedRun, fixes: pd.DataFrame | None) -> list[Doubt]:
         rolled = run.problem.wheel.at(passed - states.clock[0, 0])
         delays.append(delay_of(passages._replace(distance=rolled)))
     delay = next((estimate for estimate in delays if estimate is not None and estimate.is_sure), None)
-    if delay is not None:
-        late_s, reason, hint = delay.delay_s, late_in_words(delay), f"add {-delay.delay_s:.2f} to fixes.time_offset_s"
-    elif (step_s := stamp_step_s(passed)) is not None and level_in_use(run) > 1.0:
-        late_s, reason = step_s / math.sqrt(6.0), f"fixes are stamped to {step_s:g} s, and scatter more than declared"
-        hint = "write their times as they were, not rounded"
-    else:
-        return []
-    factor = moved_in_sigmas(late_s, passages.speed, np.interp(passed, t, variance))
-    return [Doubt(("chainage",), factor, reason, hint)] if factor >= LEAST_WIDENING else []
+    late = rounded_fixes(passed, lambda: level_in_use(run)) if delay is None else late_fixes(delay)
+    return [] if late is None else list(late.doubts(passages.speed, np.interp(passed, t, variance)))
+
+
+class LateFixes(NamedTuple):
+    """Fixes that are ``late_s``, or may be, the reason and what to do."""
+
+    late_s: float
+    reason: str
+    hint: str
+
+    def doubts(self, speed: Array, variance: Array) -> Iterator[Doubt]:
+        """Yield the doubt of a chainage whose ``variance`` is (n,), m^2, at fixes that were passed at a ``speed`` (n,),
+        m/s.
+        """
+        moved = self.late_s * float(np.mean(speed))
+        factor = math.sqrt(1.0 + moved**2 * float(np.mean(1.0 / variance)))
+        if factor >= LEAST_WIDENING:
+            yield Doubt(("chainage",), factor, self.reason, self.hint)
+
+
+def late_fixes(delay: FixDelay) -> LateFixes:
+    """Return fixes that are surely late, or early."""
+    return LateFixes(delay.delay_s, late_in_words(delay), f"add {-delay.delay_s:.2f} to fixes.time_offset_s")
+
+
+def rounded_fixes(t: Array, level: Callable[[], float]) -> LateFixes | None:
+    """Return fixes with stamps (n,), s, that are rounded, where they err by a ``level`` above 1, in declared sigmas."""
+    step_s = stamp_step_s(t)
+    if step_s is None or level() <= 1.0:
+        return None
+    reason = f"fixes are stamped to {step_s:g} s, and scatter more than declared"
+    return LateFixes(step_s / math.sqrt(6.0), reason, "write their times as they were, not rounded")
 
 
 def stamp_step_s(t: Array) -> float | None:
@@ -75,14 +101,6 @@ def stamp_step_s(t: Array) -> float | None:
         if np.abs(since - step * np.round(since / step)).max() < _STAMPS_SD_S:
             return step
     return None
-
-
-def moved_in_sigmas(late_s: float, speed: Array, variance: Array) -> float:
-    """Return by how much fixes that are late, passed at a ``speed`` (n,), m/s, widen the chainage, whose ``variance``
-    there is (n,), m^2.
-    """
-    moved = late_s * float(np.mean(speed))
-    return math.sqrt(1.0 + moved**2 * float(np.mean(1.0 / variance)))
 
 
 def late_in_words(delay: FixDelay) -> str:

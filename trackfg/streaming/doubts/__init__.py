@@ -12,9 +12,11 @@ module                  content
 ``sigma_test``          differences between smoothed and filtered estimates, and innovations of fixes
 ``far_priors``          clocks and an accelerometer that are off by more than was declared
 ``fix_delay_test``      fixes that are late
+``shared_error_test``   an error that positions may share
 ``roll_test``           mean roll on straights
 ``lean_test``           lean in curves of a sensor that is declared rigid
 ``cut_test``            curves that a body on springs may have cut
+``tach_test``           a tach that contradicts all other sensors
 ``vibration_test``      vibration of the sensor against the track's short waves
 ``accelerometer_test``  an accelerometer that is later than the gyro
 ``bandwidth_test``      a sensor that is too slow for the waves of the track

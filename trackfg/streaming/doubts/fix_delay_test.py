@@ -1,4 +1,6 @@
-"""A stream tests whether its fixes are late, as :mod:`trackfg.smoothing.doubts.late_fix_doubts` does of a run."""
+"""A stream tests whether its fixes are late or have rounded stamps, as the batch does with those of a run
+(:mod:`trackfg.smoothing.doubts.late_fix_doubts`).
+"""
 
 from __future__ import annotations
 
@@ -10,9 +12,10 @@ import pandas as pd
 from trackfg.checks.diagnosis_positions import FixPassages, delay_of
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.integrals import trapezoid_integral
-from trackfg.results.events import Event, doubt_event
-from trackfg.smoothing.doubts.late_fix_doubts import late_in_words, moved_in_sigmas
-from trackfg.smoothing.doubts.usual_sigmas import LEAST_WIDENING
+from trackfg.results.events import Event
+from trackfg.smoothing.doubts.late_fix_doubts import LateFixes, late_fixes, rounded_fixes
+from trackfg.smoothing.fixes.fix_level import fix_level
+from trackfg.streaming.doubts.reporting import event_of
 
 _MOST = 300
 """So many of the newest fixes are kept: readers do not change."""
@@ -45,13 +48,15 @@ class FixDelayTest:
         new = np.column_stack([at, np.interp(at, t, way), np.interp(at, t, speed), chainage, sd, usual])
         self.passed = np.concatenate([self.passed, new[(at > t[0]) & (at <= t[-1])]])[-_MOST:]
 
-    def events(self, until_s: float) -> tuple[Event, ...]:
-        """Return an event where the fixes are surely late, by more than the chainage is known."""
+    def events(self, innovations: Array, until_s: float) -> tuple[Event, ...]:
+        """Return an event where the fixes are surely late, or have rounded stamps, by more than the chainage is known.
+
+        ``innovations`` (n, 3) of fixes that agreed, m, with their sigmas, m, and the variances of the prediction, m^2.
+        """
+        t, _, speed, *_, usual = self.passed.T
         delay = delay_of(FixPassages(*self.passed[:, :5].T))
-        if delay is None or not delay.is_sure:
-            return ()
-        factor = moved_in_sigmas(delay.delay_s, self.passed[:, 2], self.passed[:, 5] ** 2)
-        if factor < LEAST_WIDENING:
-            return ()
-        advice = f"multiply its sigmas by {factor:.1f}, or add {-delay.delay_s:.2f} to fixes.time_offset_s"
-        return (doubt_event(("chainage",), late_in_words(delay), advice, t_s=until_s),)
+        if delay is not None and delay.is_sure:
+            late: LateFixes | None = late_fixes(delay)
+        else:
+            late = rounded_fixes(t, lambda: fix_level(*innovations.T) if len(innovations) else 1.0)
+        return () if late is None else tuple(event_of(doubt, until_s) for doubt in late.doubts(speed, usual**2))

@@ -17,12 +17,15 @@ from trackfg.streaming.doubts.far_priors import prior_doubts
 from trackfg.streaming.doubts.fix_delay_test import FixDelayTest
 from trackfg.streaming.doubts.lean_test import LeanTest
 from trackfg.streaming.doubts.roll_test import RollTest
+from trackfg.streaming.doubts.shared_error_test import SharedErrorTest
 from trackfg.streaming.doubts.sigma_test import SigmaTest, fix_doubts
+from trackfg.streaming.doubts.tach_test import TachTest
 from trackfg.streaming.doubts.track_cells import TrackCells
 from trackfg.streaming.doubts.vibration_test import VibrationTest
 from trackfg.streaming.tables.smoothed_tables import Tables
 from trackfg.streaming.window.moving_window import MovingWindow
 from trackfg.streaming.window.running_window import RunningWindow
+from trackfg.streaming.window.window import Window
 
 
 @dataclass
@@ -35,6 +38,8 @@ class StreamTests:
     lean: LeanTest = field(default_factory=LeanTest)
     cut: CutTest = field(default_factory=CutTest)
     fix_delay: FixDelayTest = field(default_factory=FixDelayTest)
+    shared_error: SharedErrorTest = field(default_factory=SharedErrorTest)
+    tach: TachTest = field(default_factory=TachTest)
     vibration: VibrationTest = field(default_factory=VibrationTest)
     accelerometer: AccelerometerTest = field(default_factory=AccelerometerTest)
     bandwidth: BandwidthTest = field(default_factory=BandwidthTest)
@@ -45,7 +50,9 @@ class StreamTests:
         self.sigmas.put(smoothed)
         if len(smoothed):
             t = smoothed["t_s"].to_numpy()
-            self.fix_delay.put(smoothed, moving.buffer.other_rows_between(float(t[0]) - 1.0, float(t[-1])).fixes)
+            others = moving.buffer.other_rows_between(float(t[0]) - 1.0, float(t[-1]))
+            self.fix_delay.put(smoothed, others.fixes)
+            self.shared_error.put(smoothed, others.gnss)
         cells = self.cells.put(smoothed)
         self.roll.put(cells)
         if moving.buffer.description.imu.rigid:
@@ -64,13 +71,19 @@ class StreamTests:
         self.vibration.put(samples, led_to.trajectory, led_to.geometry, self.bandwidth.bandwidths.least_hz)
         self.accelerometer.put(samples, led_to.trajectory)
 
+    def put_window(self, window: Window) -> None:
+        """Take the window of a pass after which tables are written."""
+        self.tach.put(window)
+
     def events(self, moving: MovingWindow) -> tuple[Event, ...]:
         """Return what the tests say now of all that has come."""
         until, running, description = moving.buffer.until, moving.running, moving.buffer.description
         doubts = self.sigmas.events(until, positions=description.gnss is not None)
         doubts += (*self.roll.events(until), *self.lean.events(until), *self.cut.events(until))
         doubts += fix_doubts(moving.votes.tested, moving.votes.squares, until)
-        doubts += self.fix_delay.events(until)
+        doubts += self.fix_delay.events(moving.votes.innovations, until)
+        placed = description.gnss is not None or description.fixes is not None
+        doubts += self.tach.events(until, placed=placed)
         if running is not None:
             doubts += self.vibration.events(until, running.context.conventions)
             doubts += (*self.accelerometer.events(until), *self.bandwidth.events(until))
@@ -78,6 +91,8 @@ class StreamTests:
             records = running.records
             doubts += (*records.noise.events(until), *records.gnss.events(until), *records.gnss_speeds.events(until))
             doubts += records.walk.events(until)
+            if not moving.config.position.gnss_correlation_s:
+                doubts += self.shared_error.events(records.gnss, until, has_fixes=description.fixes is not None)
             if description.imu.rigid:
                 doubts += records.noise.track_doubts(until)
             declared = description.imu.noise.rectification_sd

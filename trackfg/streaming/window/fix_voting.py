@@ -49,6 +49,8 @@ _CREEP = 0.01
 """Wheel creep that the scale does not cover, as a share of an interval's distance."""
 _USED = 0.5
 """A fix with a larger robust weight is followed by the solution."""
+_MOST_INNOVATIONS = 300
+"""So many of the newest innovations are kept: readers do not change."""
 _FIXES = (FactorType.ABSOLUTE_FIX, FactorType.WITHHELD_FIX)
 
 
@@ -69,9 +71,10 @@ class FixVotes:
     of the newest fix; one that is read again at rest is no second vote. ``agreed_m``, ``agreed_s``: place and time of
     the newest one that agreed. ``creep``: what a fix has shown and has not been popped; the scale walks by
     ``walk_per_sqrt_m`` until ``walks_for`` more fixes agree. ``tested``, ``squares``: the number of fixes that agreed
-    after the first, and the sum of the squares of their innovations in variances. ``written_s``: up to when estimates
-    are written; ``placed_s``: since when they have the accepted position, None without any. ``events`` have not been
-    popped, nor has ``shift_m``, by which the position shifted.
+    after the first, and the sum of the squares of their innovations in variances; ``innovations`` (n, 3) has the
+    newest, m, with the sigma of the fix, m, and the variance of its prediction, m^2. ``written_s``: up to when
+    estimates are written; ``placed_s``: since when they have the accepted position, None without any. ``events`` have
+    not been popped, nor has ``shift_m``, by which the position shifted.
     """
 
     votes: int = 0
@@ -82,6 +85,7 @@ class FixVotes:
     agreed_s: float = 0.0
     tested: int = 0
     squares: float = 0.0
+    innovations: Array = field(default_factory=lambda: np.zeros((0, 3)))
     written_s: float = -np.inf
     placed_s: float | None = None
     creep: Creep | None = None
@@ -154,7 +158,7 @@ class FixVotes:
             if abs(innovation) <= GATE * sd:
                 if not repeated:
                     if self.votes:
-                        self.tested, self.squares = self.tested + 1, self.squares + (innovation / sd) ** 2
+                        self._test(innovation, sigma, variance)
                     self._count_agreement(position, interval.t)
                 continue
             if others_sd_m and not repeated and not shift_m:
@@ -170,6 +174,11 @@ class FixVotes:
         others = tuple(family for family in interval.families if family is not fixes)
         parted = (fixes.take(~withheld), withheld_fix(fixes.take(withheld)))
         return interval._replace(families=(*others, *(family for family in parted if len(family)))), shift_m
+
+    def _test(self, innovation: float, sigma: float, variance: float) -> None:
+        """Count the innovation of a fix with its ``sigma``, m, and the ``variance`` of its prediction, m^2."""
+        self.tested, self.squares = self.tested + 1, self.squares + innovation**2 / (sigma**2 + variance)
+        self.innovations = np.concatenate([self.innovations, [[innovation, sigma, variance]]])[-_MOST_INNOVATIONS:]
 
     def _leave_place(self, shift_m: float) -> None:
         """Add the event that rows written with the position given up are off by ``shift_m``."""

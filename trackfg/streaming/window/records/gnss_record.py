@@ -33,9 +33,11 @@ from trackfg.results.events import Event, doubt_event
 from trackfg.smoothing.gnss_errors import (
     FEWEST,
     LONGEST_S,
+    SharedError,
     errors_seen,
     have_changed,
     have_grown,
+    shared_error,
     without_outliers,
 )
 from trackfg.solver.covariance import Covariance
@@ -196,6 +198,14 @@ class GnssRecord:
         reason = f"most {name} are {off:.0f} declared sigmas or more from where the other sensors have them"
         advice = f"check {declared}, or smooth the recording"
         return (*spans, doubt_event(quantities, reason, advice, t_s=until_s))
+
+    def shared_error(self) -> SharedError | None:
+        """Return the error that the newest positions may share; None where they scatter by what is declared."""
+        judged = self.t > self.since_s
+        if np.count_nonzero(judged) < FEWEST:
+            return None
+        errors = errors_seen(self.t[judged], self.residual[judged], self.variance[judged])
+        return shared_error(errors.level, self.declared[judged])
 
     def weigh(self, window: Window, width: float) -> Window:
         """Return the window with the sigmas of its positions multiplied by their factors, and a loss of that ``width``
