@@ -13,7 +13,7 @@ from typing import Annotated, Literal
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
 
-from trackfg.files.small_file import read_model
+from trackfg.files.small_file import WholeModel, read_model
 
 Positive = Annotated[float, Field(strict=True, gt=0, le=1e9, allow_inf_nan=False)]
 """Above 1e9 in SI units nothing is distinguished any more, and squares of squares overflow."""
@@ -283,7 +283,7 @@ class SolverConfig(_Section):
     """Stop without having converged [1]."""
 
 
-class SmoothConfig(_Section):
+class SmoothConfig(WholeModel, _Section):
     """All settings of ``trackfg smooth``. Every section may be left out.
 
     Examples

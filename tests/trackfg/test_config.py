@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import pickle
 import re
 from pathlib import Path
 
@@ -76,6 +77,15 @@ def test_all_mistakes_are_named_at_once(tmp_path: Path) -> None:
 def test_of_many_mistakes_the_first_are_named(tmp_path: Path) -> None:
     with pytest.raises(BadInputError, match=r"tach\.a4: [^;]*; [^;]*; 3 more$"):
         SmoothConfig.from_toml(write(tmp_path, "[tach]\n" + "\n".join(f"a{i} = 1" for i in range(8))))
+
+
+def test_settings_made_in_python_name_what_is_wrong() -> None:
+    message = "^SmoothConfig: geometry.step_m: is -1; expected greater than or equal to 0.001; solvr: unknown key; "
+    with pytest.raises(BadInputError, match=message) as refused:
+        SmoothConfig.model_validate({"geometry": {"step_m": -1}, "solvr": {}})
+    assert "did you mean 'solver'?" in str(refused.value)
+    again = pickle.loads(pickle.dumps(refused.value))
+    assert (str(again), again.details) == (str(refused.value), refused.value.details)
 
 
 def test_broken_toml_names_the_line(tmp_path: Path) -> None:

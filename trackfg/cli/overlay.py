@@ -65,7 +65,7 @@ def overlay(
     if json:
         print(_as_json(laid))
         return
-    show_unless_written(*_tables(laid), written=None if out is None else f"overlay: {out}")
+    show_unless_written(*_tables(laid, out), written=None if out is None else f"overlay: {out}")
 
 
 def _names(runs: Sequence[Path]) -> list[str]:
@@ -100,13 +100,14 @@ def _write(out: Path, laid: RunOverlay, page: Page) -> None:
         page.write(new / _PAGE)
 
 
-def _tables(laid: RunOverlay) -> list[RenderableType]:
+def _tables(laid: RunOverlay, out: Path | None) -> list[RenderableType]:
     from rich.text import Text
 
     from trackfg.report.numbers import fixed
 
     shifts = titled(f"Shift against {laid.names[0]}", "run", *numbers("from m", "to m", "shift m", "1 sigma m"))
     more = len(laid.shifts) - _MOST_ROWS
+    where = "-o writes all" if out is None else f"all are in {out / _SHIFTS}"
     for row in laid.shifts.head(_MOST_ROWS).to_dict("records"):
         places = {"from_m": 1, "to_m": 1, "shift_m": 3, "shift_m_sd": 3}
         shifts.add_row(Text(row["run"]), *(fixed(row[name], digits) for name, digits in places.items()))
@@ -115,4 +116,4 @@ def _tables(laid: RunOverlay) -> list[RenderableType]:
     for row in laid.repeatability.to_dict("records"):
         sds = (f"{row[name]:.3g}" for name in ("sd_median", "sd_95", "sd_max"))
         repeated.add_row(Text(row["run"]), row["channel"], str(row["sections"]), *sds)
-    return [shifts, *([Text(f"{more} sections more: -o writes all")] if more > 0 else []), repeated]
+    return [shifts, *([Text(f"{more} sections more: {where}")] if more > 0 else []), repeated]

@@ -67,8 +67,8 @@ def of_trends(found: Trends) -> Iterator[RenderableType]:
             yield _table(title, rows)
         elif without:
             yield Text(without)
-    for name, reason in found.left_out.items():
-        yield Text(f"left out: {name}: {reason}")
+    for names, reason in found.left_out_by_reason():
+        yield Text(f"left out: {'; '.join(names)}: {reason}")
 
 
 def _table(title: str, rows: pd.DataFrame) -> RenderableType:

@@ -44,6 +44,11 @@ def kind_of(folder: Path) -> str | None:
     return next((kind for name, kind in _HEADS.items() if (folder / name).exists()), None)
 
 
+def hint_instead(kind: str | None) -> str:
+    """Return what to do where a folder of this kind is given and another is expected, as the end of a message."""
+    return f". Hint: {_INSTEAD[kind]}" if kind in _INSTEAD else ""
+
+
 @dataclass(frozen=True)
 class FolderKind:
     """A kind of folder: ``what`` names it in messages; its file ``head`` is JSON with a ``format`` that begins with
@@ -113,8 +118,8 @@ class FolderKind:
                     kind = kind_of(folder)
                     other = None if kind == self.what else kind
                     wrong = f"is a {other}" if other else f"{error.filename} is missing"
-                    hint = f". Hint: {_INSTEAD[other]}" if other in _INSTEAD else ""
-                    raise BadInputError(f"{folder}: {wrong}; expected a trackfg {self.what}{hint}") from error
+                    message = f"{folder}: {wrong}; expected a trackfg {self.what}{hint_instead(other)}"
+                    raise BadInputError(message) from error
             except OSError as error:
                 raise BadInputError(
                     f"{folder}: {error.filename or 'its content'} cannot be read: {error.strerror}; "

@@ -8,12 +8,12 @@ import os
 import re
 import stat
 import tomllib
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any, TypeVar, get_args
 
-from pydantic import BaseModel, ValidationError
-from pydantic_core import ErrorDetails
+from pydantic import BaseModel, GetCoreSchemaHandler, ValidationError, ValidatorFunctionWrapHandler
+from pydantic_core import CoreSchema, ErrorDetails, core_schema
 
 from trackfg.errors import BadInputError, expected_one_of, first_line
 
@@ -97,9 +97,41 @@ def validated(model: type[Content], content: Any, place: str, key: str = "") -> 
     try:
         return model.model_validate(content)
     except ValidationError as error:
-        faults = [key + _fault(detail, model) for detail in error.errors()]
-        more = [f"{len(faults) - _MOST_FAULTS} more"] if len(faults) > _MOST_FAULTS else []
-        raise BadInputError(place + "; ".join([*faults[:_MOST_FAULTS], *more])) from error
+        raise BadInputError(place + _faults(error.errors(), model, key)) from error
+    except InvalidModelError as error:
+        raise BadInputError(place + _faults(error.details, model, key)) from error
+
+
+class InvalidModelError(BadInputError):
+    """Values that a :class:`WholeModel` refuses. ``details``: each fault as pydantic has it."""
+
+    def __init__(self, message: str, details: Sequence[ErrorDetails] = ()) -> None:
+        super().__init__(message)
+        self.details = details
+
+
+class WholeModel(BaseModel):
+    """The model of a whole file, which users make in Python too: they get one message instead of pydantic's report."""
+
+    @classmethod
+    def __get_pydantic_core_schema__(cls, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
+        """Return the schema inside a function that translates its errors, those of the model's own validators too."""
+
+        def refuse_in_words(content: Any, validate: ValidatorFunctionWrapHandler) -> Any:
+            try:
+                return validate(content)
+            except ValidationError as error:
+                details = error.errors()
+                raise InvalidModelError(f"{source.__name__}: {_faults(details, source)}", details) from None
+
+        return core_schema.no_info_wrap_validator_function(refuse_in_words, handler(source))
+
+
+def _faults(details: Sequence[ErrorDetails], model: type[BaseModel], key: str = "") -> str:
+    """Return the keys at fault, the first of many, and what is wrong with each."""
+    faults = [key + _fault(detail, model) for detail in details]
+    more = [f"{len(faults) - _MOST_FAULTS} more"] if len(faults) > _MOST_FAULTS else []
+    return "; ".join([*faults[:_MOST_FAULTS], *more])
 
 
 def _fault(detail: ErrorDetails, model: type[BaseModel]) -> str:

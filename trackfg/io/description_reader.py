@@ -17,7 +17,7 @@ from pydantic_core import ErrorDetails
 
 from trackfg.errors import did_you_mean
 from trackfg.files.owned_folder import kind_of
-from trackfg.files.small_file import MOST_TOML_BYTES, keys_at, read_small, toml_of
+from trackfg.files.small_file import MOST_TOML_BYTES, InvalidModelError, keys_at, read_small, toml_of
 from trackfg.io.formats.registry import FORMATS
 from trackfg.recording.description import (
     MOST_OF_A_KIND,
@@ -47,6 +47,9 @@ _OTHER_PARTS: dict[str, type[Model]] = {
 """Besides the sensors, whose tables are of numbers."""
 _LISTS = tuple(sensor.key for sensor in FORMATS if sensor.several)
 _PARTS = {**_OTHER_PARTS, **{sensor.key: sensor.model for sensor in FORMATS}}
+
+_TOP_KEYS = tuple(key for key in RecordingDescription.model_fields if key not in (*_PARTS, "further_tach"))
+"""Keys outside all tables. At the end of a file, TOML takes them for keys of its last table."""
 
 _STRUCTURE_KEYS = ("file", "time", "column", "kind", "gyro", "accel", "position", "sd", "chainage", "name")
 """Keys without which a table's structure cannot be checked."""
@@ -173,8 +176,8 @@ def validated(data: dict[str, Any], file: str) -> ReadDescription:
     if not findings:
         try:
             description = RecordingDescription.model_validate(data)
-        except ValidationError as error:
-            findings += [_finding(detail, RecordingDescription, "", file) for detail in error.errors()[:_MOST_FAULTS]]
+        except InvalidModelError as error:
+            findings += [_finding(detail, RecordingDescription, "", file) for detail in error.details[:_MOST_FAULTS]]
     return ReadDescription(tuple(findings), description, parts, frozenset(doubtful))
 
 
@@ -217,8 +220,8 @@ def _top_level(data: dict[str, Any], file: str) -> list[Finding]:
     rest = {key: value for key, value in data.items() if key not in _PARTS and key != "format"}
     try:
         RecordingDescription.model_validate({**rest, "imu": _ANY_IMU} if "imu" in data else rest)
-    except ValidationError as error:
-        findings += [_finding(detail, RecordingDescription, "", file) for detail in error.errors()[:_MOST_FAULTS]]
+    except InvalidModelError as error:
+        findings += [_finding(detail, RecordingDescription, "", file) for detail in error.details[:_MOST_FAULTS]]
     return findings
 
 
@@ -257,7 +260,8 @@ def _finding(detail: ErrorDetails, model: type[Model], prefix: str, file: str) -
 
     if kind == "extra_forbidden":
         model_keys = [key for key in keys_at(model, loc[:-1]) if key != "further_tach"]  # which is written [[tach]]
-        hint = did_you_mean(name, model_keys)
+        at_the_top = bool(prefix) and name in _TOP_KEYS
+        hint = f"move {name} above the first [table]" if at_the_top else did_you_mean(name, model_keys)
         return finding("unknown-key", "unknown key", f"one of {', '.join(model_keys)}", hint or "remove it")
     if kind == "missing" and loc == keys:
         return finding("missing-key", "required key is missing", hint=f"add it: {_EXAMPLES.get(name, name + ' = ...')}")

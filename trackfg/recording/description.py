@@ -11,6 +11,7 @@ from typing import Annotated, Literal
 
 from pydantic import AfterValidator, Field, field_validator, model_validator
 
+from trackfg.files.small_file import WholeModel
 from trackfg.numerics import rotations
 from trackfg.recording.line_kilometrage import LineKilometrage
 from trackfg.recording.strict_model import Model
@@ -332,7 +333,7 @@ class Truth(Table):
         return tuple(filter(None, (self.file, self.geometry)))
 
 
-class RecordingDescription(Model):
+class RecordingDescription(WholeModel, Model):
     """All of ``recording.toml``. Of a list ``[[tach]]`` the first is ``tach``, the others are ``further_tach``."""
 
     format: Literal["trackfg-recording/1"] = "trackfg-recording/1"

@@ -12,7 +12,7 @@ from trackfg.comparison.table import COMPARISON_FOLDER, Comparison
 from trackfg.errors import BadInputError
 from trackfg.files.atomic_folder import real_path
 from trackfg.files.libraries import library
-from trackfg.files.owned_folder import FolderKind, kind_of
+from trackfg.files.owned_folder import FolderKind, hint_instead, kind_of
 from trackfg.geometry.limits import LimitChoice
 from trackfg.plots.strip_chart import LimitLine
 from trackfg.plots.strip_limits import limit_lines
@@ -134,7 +134,8 @@ def _kind_of(folder: Path) -> FolderKind:
     kinds = " or ".join(f"a {kind.what} ({kind.head})" for kind in _PAGES)
     other = kind_of(folder)
     is_a = "" if other is None or other in {kind.what for kind in _PAGES} else f"is a {other}; "
-    raise BadInputError(f"{folder}: {is_a}expected a folder that trackfg wrote: {kinds}")
+    hint = hint_instead(other) if is_a else ""
+    raise BadInputError(f"{folder}: {is_a}expected a folder that trackfg wrote: {kinds}{hint}")
 
 
 def _of_result(folder: Path, command: str, wanted: _Wanted) -> Page:

@@ -15,6 +15,7 @@ from __future__ import annotations
 import io
 import json
 import os
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -86,6 +87,11 @@ class Trends(Outlined):
     def unit(self) -> str:
         """Return the unit of rates, in words."""
         return f"mm per {'million tonnes' if self.per == 'mt' else self.per}"
+
+    def left_out_by_reason(self) -> Iterator[tuple[list[str], str]]:
+        """Yield the names of what was left out for one reason, and that."""
+        for reason in dict.fromkeys(self.left_out.values()):
+            yield [name for name, why in self.left_out.items() if why == reason], reason
 
     def as_json(self) -> str:
         """Return trends, steps, dates of limits, and what was left out, as JSON."""

@@ -493,6 +493,7 @@ def test_report_of_something_else(run: Run, recording: Path, tmp_path: Path, wha
     done = run("report", recording if what == "recording" else tmp_path / "nothing", "-o", tmp_path / "a.html")
     assert done.status == 2
     assert "expected a folder that trackfg wrote: a result (summary.json) or a comparison" in done.err
+    assert ("Hint: trackfg smooth makes a result of a recording" in done.err) == (what == "recording")
     assert len(done.err.splitlines()) == 1
     assert list(tmp_path.iterdir()) == []
 

@@ -269,6 +269,9 @@ BROKEN: dict[str, tuple[Spoil, str, list[str]]] = {
     "misspelt key": (
         declare("imu", "giro_unit", value="rad/s"), "unknown-key",
         ["recording.toml, key imu.giro_unit: unknown key", "did you mean 'gyro_unit'?"]),
+    "key of the whole recording below a table": (
+        declare("imu", "start", value="2026-05-01T03:12:00Z"), "unknown-key",
+        ["key imu.start: unknown key", "Hint: move start above the first [table]"]),
     "misspelt part": (
         declare("tacho", value={"file": "tach.csv"}), "unknown-key", ["key tacho", "did you mean 'tach'?"]),
     "misspelt key of the noise": (

@@ -73,6 +73,13 @@ def test_a_store_of_several_lines_needs_one(store: Store, tmp_path: Path) -> Non
         build_map_file([store.result("up0")], tmp_path / "line.gpkg", fleet=FleetRuns(line="7 up"))
 
 
+def test_a_store_whose_runs_all_failed_has_no_line_to_choose(tmp_path: Path) -> None:
+    place = str(tmp_path / "failed")
+    Store(place, create=True)
+    with pytest.raises(BadInputError, match="failed: has no run with a result; expected one"):
+        build_map_file([place], tmp_path / "line.gpkg")
+
+
 @pytest.mark.slow
 def test_processes_make_the_same_map(
     trackfg: Callable[..., subprocess.CompletedProcess[str]],

@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 from pydantic import ValidationError
 
+from trackfg.errors import BadInputError
 from trackfg.recording.description import Imu, Laser, RecordingDescription, Tach
 
 CONTRACT = """
@@ -154,8 +155,18 @@ def test_sigmas_and_sizes_are_positive_and_finite(value: float) -> None:
 def test_lasers_have_names_of_their_own() -> None:
     other = laser("b").model_copy(update={"rail": "right"})
     assert len(RecordingDescription(id="x", imu=imu(), laser=(laser("a"), other)).laser) == 2
-    with pytest.raises(ValidationError, match="two lasers have the name 'a'"):
+    with pytest.raises(BadInputError, match="two lasers have the name 'a'"):
         RecordingDescription(id="x", imu=imu(), laser=(laser("a"), laser("a")))
+
+
+def test_a_description_made_in_python_names_every_field_at_fault() -> None:
+    wrong = {"id": "x", "imu": {"file": "imu.csv", "gyro": ["x", "y", "z"], "acc": ["x", "y", "z"]}, "starts": "now"}
+    with pytest.raises(BadInputError) as refused:
+        RecordingDescription.model_validate(wrong)
+    known, unknown, key = str(refused.value).split("; expected one of ", 2)
+    assert known == "RecordingDescription: imu.accel: is missing; imu.acc: unknown key"
+    assert unknown.endswith("; starts: unknown key")
+    assert key.endswith("Hint: did you mean 'start'?")
 
 
 def test_unknown_keys_are_refused_and_nothing_changes_afterwards() -> None:

@@ -37,6 +37,8 @@ def runs_of_store(place: str, line: str | None) -> Iterator[JoinableRun]:
     store = Store(place, create=False)
     rows = [row for row in store.read(["run", "status"]) if row["status"] == "done"]
     lines = sorted({row["line"] for row in rows})
+    if not lines:
+        raise BadInputError(f"{store.place}: has no run with a result; expected one. Hint: trackfg batch adds runs")
     if line is None and len(lines) == 1:
         line = lines[0]
     if line not in lines:

@@ -73,7 +73,8 @@ def _summary(trends: Trends) -> tuple[Block, ...]:
     doubts = (Text(doubt, "warning") for doubt in trends.doubts.values())
     if not trends.left_out:
         return (tiles, *doubts)
-    return (tiles, *doubts, Text("Left out:", "warning"), Facts(tuple(trends.left_out.items())))
+    left_out = tuple(("; ".join(names), reason) for names, reason in trends.left_out_by_reason())
+    return (tiles, *doubts, Text("Left out:", "warning"), Facts(left_out))
 
 
 def _reached(trends: Trends) -> tuple[Block, ...]:

@@ -13,6 +13,7 @@ import pytest
 from scipy.interpolate import CubicSpline
 from typer.testing import CliRunner
 
+from trackfg.cli import overlay as overlay_command
 from trackfg.cli.main import app
 from trackfg.errors import BadInputError
 from trackfg.interchange.importing.channels.measured_geometry import measured_result
@@ -118,7 +119,7 @@ def test_no_overlap_is_said(tmp_path: Path) -> None:
         laid(tmp_path, table(3000.0, 1, 1), apart.assign(km=apart["km"] + 400))
 
 
-def test_the_command_line(tmp_path: Path) -> None:
+def test_the_command_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     for name, noise in (("a", 1), ("b", 2), ("c", 3)):
         drift = None if noise == 1 else wandering
         table(2000.0, 1, noise, drift=drift).to_csv(tmp_path / f"{name}.csv", index=False)
@@ -138,6 +139,10 @@ def test_the_command_line(tmp_path: Path) -> None:
     assert shown.exit_code == 0
     assert "Repeatability: standard deviation" in shown.output
     assert not re.search(r"-0\.0+\b", shown.output)
+    monkeypatch.setattr(overlay_command, "_MOST_ROWS", 3)
+    assert "sections more: -o writes all" in run.invoke(app, ["overlay", a, b]).output
+    written_too = run.invoke(app, ["overlay", a, b, "-o", str(out)], env={"COLUMNS": "300"}).output
+    assert f"sections more: all are in {out / 'shifts.csv'}" in written_too
     alone = run.invoke(app, ["overlay", a])
     assert isinstance(alone.exception, BadInputError)
 

@@ -5,12 +5,15 @@ from __future__ import annotations
 import sqlite3
 from collections.abc import Callable
 from contextlib import closing
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
+from rich.text import Text
 
+from trackfg.cli.trend_tables import of_trends
 from trackfg.errors import BadInputError
 from trackfg.mapping.trends.trend_layers import trend_layers
 from trackfg.maps import FeatureMap, MapConventions, read_map, write_map
@@ -63,6 +66,13 @@ def test_a_folder_of_trends_reads_back_but_for_values_elsewhere(by_load: Trends,
     (tmp_path / "trends" / "cells.parquet").unlink()
     with pytest.raises(BadInputError, match=r"cells.parquet is missing; expected a trackfg folder of trends"):
         Trends.read(tmp_path / "trends")
+
+
+def test_what_is_left_out_for_one_reason_is_named_together(by_load: Trends) -> None:
+    found = replace(by_load, left_out={"limit a": "not followed", "run 7": "has no date", "limit b": "not followed"})
+    assert list(found.left_out_by_reason()) == [(["limit a", "limit b"], "not followed"), (["run 7"], "has no date")]
+    shown = [table.plain for table in of_trends(found) if isinstance(table, Text)]
+    assert shown[-2:] == ["left out: limit a; limit b: not followed", "left out: run 7: has no date"]
 
 
 @pytest.mark.parametrize(
