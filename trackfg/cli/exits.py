@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import _thread
+import io
 import os
 import sys
 import threading
@@ -24,6 +25,7 @@ def exit_statuses() -> Iterator[None]:
     """Run the command line within; errors that the user can act on become one line on standard error."""
     keep_freed_memory()
     _open_closed_streams()
+    _replace_what_an_encoding_lacks()
     sys.unraisablehook = _interrupt_again
     warnings.filterwarnings("ignore", category=RuntimeWarning)  # numpy's, of numbers: those of a result are checked
     try:
@@ -81,6 +83,12 @@ def _open_closed_streams() -> None:
     for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
         if getattr(sys, name) is None:
             setattr(sys, name, open(os.devnull, mode))  # noqa: SIM115  (for as long as the process runs)
+
+
+def _replace_what_an_encoding_lacks() -> None:
+    """Write ``?`` for letters that the encoding of standard output lacks, such as the root sign in ISO 8859-1."""
+    if isinstance(sys.stdout, io.TextIOWrapper) and sys.stdout.errors == "strict":
+        sys.stdout.reconfigure(errors="replace")
 
 
 def _flush_output() -> None:

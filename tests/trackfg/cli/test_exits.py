@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 from trackfg.cli import main as entry
+from trackfg.datasets.scenarios import simulate
 
 
 def run(command: str, cwd: Path) -> subprocess.CompletedProcess[str]:
@@ -37,6 +38,20 @@ def test_a_full_disk_behind_standard_error_changes_no_status(tmp_path: Path, mon
 def test_closed_streams_are_none_to_write_to(tmp_path: Path) -> None:
     assert run("trackfg check nowhere >&- 2>&-", tmp_path).returncode == 2
     assert run("trackfg scenarios 2>&-", tmp_path).returncode == 0
+
+
+@pytest.mark.parametrize("encoding", ["ascii", "iso-8859-1", "cp1252"])
+def test_letters_that_an_encoding_lacks_are_replaced(
+    encoding: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    simulate("mainline", seed=1, duration_s=60.0).write(tmp_path / "run1")
+    monkeypatch.setenv("PYTHONIOENCODING", encoding)
+    shell = f"{sys.executable} -m trackfg check run1"
+    done = subprocess.run(["/bin/sh", "-c", shell], capture_output=True, cwd=tmp_path, check=False)
+    shown = done.stdout.decode(encoding)
+    assert (done.returncode, done.stderr) == (0, b"")
+    assert "rad/s/?Hz" in shown
+    assert ("\xb1" in shown) == (encoding != "ascii")
 
 
 @pytest.mark.parametrize(
