@@ -39,6 +39,8 @@ _ATTENUATION_DB = 60.0
 """Attenuation of the low-pass in its stop band, dB: an amplitude of 0.1 % is left."""
 _CHUNK = 2_000
 """Steps evaluated at a time: their cells stay in the cache."""
+_SAMPLES = 32_768
+"""Samples, and nodes of them, looked at a time: what is needed on the way stays in the cache."""
 _MAX_HOLE_M = 1.0
 """Samples further apart leave a hole."""
 _BEYOND = 64
@@ -159,15 +161,18 @@ class _Nodes:
     @classmethod
     def of(cls, place: Array, cell: float) -> _Nodes:
         """Return the nodes of samples at ascending places."""
-        number = np.floor(place / cell)
-        starts = np.flatnonzero(np.diff(number, prepend=np.nan) != 0.0)
-        edges, number = np.append(starts, len(place)), number[starts]
-        counts, origin = np.diff(edges), cell * number
-        mean = origin + np.add.reduceat(place - np.repeat(origin, counts), starts) / counts
-        adjacent, middle = np.diff(number) == 1.0, (number + 0.5) * cell
-        low = np.where(np.concatenate([[False], adjacent]), middle - 0.25 * cell, -np.inf)
-        high = np.where(np.concatenate([adjacent, [False]]), middle + 0.25 * cell, np.inf)
-        return cls(edges, mean, np.clip(mean, low, high))
+        begins = range(0, len(place), _SAMPLES)
+        starts = [_starts(place[max(begin - 1, 0) : begin + _SAMPLES], cell, begin) for begin in begins]
+        edges = np.concatenate([*starts, [len(place)]])
+        count = len(edges) - 1
+        mean, at = np.empty((2, count))
+        for begin in range(0, count, _SAMPLES):
+            some = slice(begin, begin + _SAMPLES)
+            # With the node before and the one behind, which say how far each may lie.
+            near = slice(max(begin - 1, 0), min(some.stop + 1, count))
+            within = slice(begin - near.start, some.stop - near.start)
+            mean[some], at[some] = (part[within] for part in _means(place, edges[near.start : near.stop + 1], cell))
+        return cls(edges, mean, at)
 
     def resampled(
         self, samples: Callable[[slice], Array], some: slice, start: int, cell: float, taps: Array, steps: int
@@ -195,6 +200,27 @@ class _Nodes:
         slope[..., 1:-1] = (value[..., 2:] - value[..., :-2]) / (mean[2:] - mean[:-2])
         slope[..., 0], slope[..., -1] = slope[..., 1], slope[..., -2]
         return np.asarray(value + slope * (place - mean))
+
+
+def _starts(place: Array, cell: float, begin: int) -> np.ndarray:
+    """Return which samples are the first of their cells, numbers from ``begin`` on; ``place`` has the one before that,
+    if there is one.
+    """
+    first = np.flatnonzero(np.diff(np.floor(place / cell)) != 0.0) + max(begin, 1)
+    return first if begin else np.concatenate([[0], first])
+
+
+def _means(place: Array, edges: np.ndarray, cell: float) -> tuple[Array, Array]:
+    """Return the mean place of the samples from each edge to the next, and the places of their nodes."""
+    first, counts = edges[:-1], np.diff(edges)
+    number = np.floor(place[first] / cell)
+    origin = cell * number
+    beyond = place[edges[0] : edges[-1]] - np.repeat(origin, counts)
+    mean = origin + np.add.reduceat(beyond, first - edges[0]) / counts
+    adjacent, middle = np.diff(number) == 1.0, (number + 0.5) * cell
+    low = np.where(np.concatenate([[False], adjacent]), middle - 0.25 * cell, -np.inf)
+    high = np.where(np.concatenate([adjacent, [False]]), middle + 0.25 * cell, np.inf)
+    return mean, np.clip(mean, low, high)
 
 
 def _decimate(fine: Array, taps: Array) -> Array:
