@@ -108,7 +108,7 @@ class Gaps {
 // go of.
 class ScratchFile {
   public:
-    ScratchFile(int file, std::size_t limit) : file_(file), limit_(limit) {}
+    ScratchFile(int file, std::size_t limit) : file_(file), limit_(limit), of_others_(held_now().of_files) {}
 
     ~ScratchFile() {
         if (watch_.joinable()) {
@@ -273,7 +273,8 @@ class ScratchFile {
         madvise(base_, size_, MADV_DONTNEED);
         for (const auto &[begin, pieces] : places_)
             if (begin >= RESERVED) madvise(base_ + begin, length_of(pieces), MADV_DONTNEED);
-        of_others_ = held_now().of_files;
+        // Other threads map the file's pages again meanwhile, so that what is left is not all others'.
+        of_others_ = std::min(held_now().of_files, of_others_ + limit_ / 100);
     }
 
     // Bytes that the process holds in memory: those of files, and all others.
@@ -293,7 +294,7 @@ class ScratchFile {
     void *reserved_ = nullptr;
     std::atomic<char *> base_{nullptr};
     std::size_t size_ = 0;
-    std::size_t of_others_ = 0;  // bytes of other files in memory, as those of libraries, when pages were let go of
+    std::size_t of_others_;  // bytes of other files in memory, as those of libraries
     std::size_t trimmed_ = 0;  // bytes of the heap in memory after its free pages were let go of
     Gaps gaps_, windows_;  // of the file, and of the addresses behind it
     std::map<std::size_t, Pieces> places_;
