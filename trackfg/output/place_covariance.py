@@ -62,10 +62,9 @@ def _places(passes: Sequence[Profile], apart: int) -> tuple[Array, np.ndarray, A
     cell, when = np.zeros(0), np.zeros(0)
     keyframe = np.zeros(0, dtype=np.int64)
     for profile in sorted(passes, key=len, reverse=True):
-        points = profile.views[0].points
         chosen = np.flatnonzero((profile.cell % apart == 0) | np.isin(profile.cell, profile.cell[[0, -1]]))
         chosen = chosen[~np.isin(profile.cell[chosen], cell)]
         cell = np.concatenate([cell, profile.cell[chosen]])
-        keyframe = np.concatenate([keyframe, points.keyframe[chosen]])
-        when = np.concatenate([when, points.fraction[chosen]])
+        keyframe = np.concatenate([keyframe, profile.keyframe[chosen]])
+        when = np.concatenate([when, profile.fraction[chosen]])
     return cell, keyframe, when

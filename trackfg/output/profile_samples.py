@@ -27,6 +27,11 @@ from trackfg.solver.covariance import Normals
 
 _BEAM_MODES = np.array([4.730040744862704, 7.853204624095838, 10.995607838001671])
 
+_NAV = offset_in_keyframe(Kind.NAV)
+
+_TURNED = 1000
+"""Keyframes whose samples are turned into n at a time."""
+
 
 @dataclass(frozen=True)
 class Points:
@@ -69,14 +74,14 @@ class AngleErrors(NamedTuple):
 
 @dataclass(frozen=True)
 class PosteriorErrors:
-    """Samples of the keyframes' errors in n: ``nav`` (n, 3, 3, count), of attitude, position and velocity, and of the
-    ``point`` that follows the track, in body axes (3, count).
+    """Samples of the keyframes' tangents (n, KEYFRAME_DIM, count), of which those of attitude, position and velocity
+    are turned into n, and of the ``point`` that follows the track, in body axes (3, count).
 
     The noise in between has normal draws for the beam's modes (n - 1, 2, modes, count) and where the bridges are drawn
     from.
     """
 
-    nav: Array
+    of_keyframes: Array
     point: Array
     beam: Array
     rng: Normals
@@ -84,20 +89,20 @@ class PosteriorErrors:
     @classmethod
     def of(cls, states: States, drawn: tuple[Array, Array], rng: Normals) -> PosteriorErrors:
         """Turn samples of the tangents of keyframes (n, KEYFRAME_DIM, count) and of shared variables (s, count), as
-        ``drawn`` together, into errors in n.
+        ``drawn`` together, into errors in n. The samples are written over: no array of a run is larger.
         """
         samples, shared = drawn
-        at = offset_in_keyframe(Kind.NAV)
         n, _, count = samples.shape
-        nav = np.empty((n, 3, 3, count))
-        for i in range(3):
-            np.matmul(states.nav.R, samples[:, at + 3 * i : at + 3 * i + 3], out=nav[:, i])
-        return cls(nav, shared[TRACKING_POINT], rng.standard_normal((n - 1, 2, len(_BEAM_MODES), count)), rng)
+        for begin in range(0, n, _TURNED):
+            some = slice(begin, begin + _TURNED)
+            for vector in (slice(k, k + 3) for k in range(_NAV, _NAV + 9, 3)):
+                samples[some, vector] = states.nav.R[some] @ samples[some, vector]
+        return cls(samples, shared[TRACKING_POINT], rng.standard_normal((n - 1, 2, len(_BEAM_MODES), count)), rng)
 
     @property
     def count(self) -> int:
         """The number of samples."""
-        return int(self.nav.shape[-1])
+        return int(self.of_keyframes.shape[-1])
 
 
 class Shifts(NamedTuple):
@@ -154,8 +159,10 @@ class PointErrors:
         self._bridges = _Bridges(run.t, points.keyframe, points.fraction)
         k, self._fraction = points.keyframe[:, None], points.fraction[:, None]
         self._span = np.diff(run.t)[k]
-        # Keyframe after keyframe, and of each attitude, position and velocity.
-        self._of_keyframes = errors.nav.reshape(-1, errors.count), 9 * k + np.arange(18)
+        # Attitude, position and velocity of the keyframe before, and of the one after.
+        width = errors.of_keyframes.shape[1]
+        nav = _NAV + np.concatenate([np.arange(9), width + np.arange(9)])
+        self._of_keyframes = errors.of_keyframes.reshape(-1, errors.count), width * k + nav
         self._up = np.broadcast_to([0.0, 0.0, 1.0], points.left.shape)
 
     def places(self) -> PlaceErrors:

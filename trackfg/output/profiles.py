@@ -22,17 +22,24 @@ from trackfg.numerics.chainage.passes import Pass, passes
 from trackfg.numerics.rotations import matrices_times
 from trackfg.output.dense_motion import DenseMotion
 from trackfg.output.profile_samples import Points
+from trackfg.results.summary import GeometryConventions
 from trackfg.sensors.displacement import Side
 
 SHORTEST_PASS_M = 10.0
 """A shorter pass gives no geometry, m: it does not hold the default chord."""
 
+_COARSEST_M = 1.25
+"""Errors are drawn this far apart at most: below it they are smooth, since the inertial samples' white noise was
+integrated."""
+
 _CHUNK = 10_000
 """Places looked up at a time: what is needed on the way stays small."""
 
-Seen = Callable[[slice], tuple[Array, Array, Array]]
-"""Returns, at some of a pass's rows, the vehicle's left axis (k, 3) in n, the arms from the places that are seen to the
-IMU, one beside the other (k, 3 places), and the speed (k,)."""
+Rows = slice | np.ndarray
+
+Seen = Callable[[Rows], tuple[Array, Array]]
+"""Returns, at some of a pass's rows, the vehicle's left axis (k, 3) in n and the arms from the places that are seen to
+the IMU, one beside the other (k, 3 places)."""
 
 
 @dataclass(frozen=True)
@@ -54,7 +61,8 @@ class Shapes:
 
 @dataclass(frozen=True)
 class View:
-    """One sight of the track: the points it came from and the white noise that is in it, across and up, m (n,).
+    """One sight of the track, at every n-th row of a profile: the points it came from and the white noise that is in
+    it, across and up, m (k,).
 
     ``side`` is the rail, None for the path of the vehicle itself, ``along_m`` where on the vehicle it is seen.
     ``below``: how much larger the noise is to a filter that keeps long waves only, ``slope`` (rad/m): sigma of the
@@ -73,12 +81,19 @@ class View:
 
 @dataclass(frozen=True)
 class Profile:
-    """One pass. ``cell`` (n,) is chainage over step, whole numbers ascending by one; ``speed`` (n,) m/s."""
+    """One pass. ``cell`` (n,) is chainage over step, whole numbers ascending by one, passed at ``fraction`` (n,) of the
+    interval after ``keyframe`` (n,), at ``speed`` (n,) m/s.
+
+    Errors are drawn at every ``every``-th row, from the first one on: ``views`` have only those.
+    """
 
     cell: np.ndarray
+    keyframe: np.ndarray
+    fraction: Array
     speed: Array
     shapes: Shapes
     views: tuple[View, ...]
+    every: int
 
     def __len__(self) -> int:
         return len(self.cell)
@@ -123,7 +138,7 @@ class Ascent:
                 return True
         return False
 
-    def rows_of(self, index: np.ndarray | slice) -> np.ndarray | slice:
+    def rows_of(self, index: Rows) -> Rows:
         """Return which of the pass's rows are those of ``index`` in order of chainage."""
         if not self.backwards:
             return index
@@ -133,37 +148,38 @@ class Ascent:
         """Return values of the pass's rows (m, ...) in order of chainage."""
         return values[::-1] if self.backwards else values
 
-    def on(self, grid: Array, values: Callable[[slice], Array]) -> Array:
+    def on(self, places: Array, values: Callable[[Rows], Array]) -> Array:
         """Interpolate slow values, given at some of the pass's rows (k, c), linearly at ascending places (n,).
 
         Shape (n, c).
         """
-        place = np.maximum.accumulate(self.x)
-        out = np.empty((len(grid), 0))
-        for begin in range(0, len(grid), _CHUNK):
-            part = grid[begin : begin + _CHUNK]
-            low = max(int(np.searchsorted(place, part[0], side="right")) - 1, 0)
-            high = min(int(np.searchsorted(place, part[-1], side="right")) + 1, len(place))
-            rows = slice(len(place) - high, len(place) - low) if self.backwards else slice(low, high)
-            columns = self.sorted(values(rows)).T
+        x = np.maximum.accumulate(self.x)
+        out = np.empty((len(places), 0))
+        for begin in range(0, len(places), _CHUNK):
+            part = places[begin : begin + _CHUNK]
+            interval = np.clip(np.searchsorted(x, part, side="right") - 1, 0, len(x) - 2)
+            first, last = int(interval[0]), int(interval[-1]) + 1
+            ends: Rows = slice(first, last + 1)
+            if last - first > 2 * len(part):
+                ends = np.unique(np.concatenate([interval, interval + 1]))
+            columns = values(self.rows_of(ends)).T
             if begin == 0:
-                out = np.empty((len(grid), len(columns)))
+                out = np.empty((len(places), len(columns)))
             for k, column in enumerate(columns):
-                out[begin : begin + len(part), k] = np.interp(part, place[low:high], column)
+                out[begin : begin + len(part), k] = np.interp(part, x[ends], column)
         return out
 
-    def points(self, grid: Array, left: Array, seen: Seen) -> tuple[list[Points], Array]:
-        """Return when and where each place of the grid was passed, for each arm, and how fast."""
+    def passed(self, places: Array, speed: Callable[[Rows], Array]) -> tuple[np.ndarray, Array, Array]:
+        """Return the keyframe before each place was passed, the share of the time to the next, and the speed."""
         keyframe, fraction = self.motion.keyframe[self.rows], self.motion.fraction[self.rows]
+        at = self.on(places, lambda rows: np.column_stack([keyframe[rows] + fraction[rows], speed(rows)]))
+        interval = np.clip(at[:, 0].astype(np.int64), self.stretch.first, self.stretch.last - 1)
+        return interval, at[:, 0] - interval, at[:, 1]
 
-        def values(rows: slice) -> Array:
-            axle, arms, speed = seen(rows)
-            return np.column_stack([keyframe[rows] + fraction[rows], speed, axle, arms])
-
-        at = self.on(grid, values)
-        k = np.clip(at[:, 0].astype(np.int64), self.stretch.first, self.stretch.last - 1)
-        share, arms = at[:, 0] - k, (at[:, begin : begin + 3] for begin in range(5, at.shape[1], 3))
-        return [Points(k, share, left, axle=at[:, 2:5], arm=arm) for arm in arms], at[:, 1]
+    def points(self, places: Array, passed: tuple[np.ndarray, Array], left: Array, seen: Seen) -> list[Points]:
+        """Return the points of each arm at places that were ``passed`` after a keyframe and a share of the interval."""
+        at = self.on(places, lambda rows: np.column_stack(seen(rows)))
+        return [Points(*passed, left, axle=at[:, :3], arm=at[:, k : k + 3]) for k in range(3, at.shape[1], 3)]
 
 
 def _profile(run: RunContext, motion: DenseMotion, states: States, stretch: Pass) -> Profile | None:
@@ -175,14 +191,16 @@ def _profile(run: RunContext, motion: DenseMotion, states: States, stretch: Pass
     ahead, leftward = R_bt[:, 0], run.direction * R_bt[:, 1]
     from_track = run.lever_arm - tracking_point(states.mount)[0]
 
-    def seen(rows: slice) -> tuple[Array, Array, Array]:
+    def speed(rows: Rows) -> Array:
+        return np.asarray(np.abs(np.einsum("mi,mi->m", nav.v[rows], matrices_times(nav.R[rows], ahead))))
+
+    def seen(rows: Rows) -> tuple[Array, Array]:
         R = nav.R[rows]
-        axle, arm, forward = (matrices_times(R, direction) for direction in (leftward, from_track, ahead))
-        return axle, arm, np.abs(np.einsum("mi,mi->m", nav.v[rows], forward))
+        return matrices_times(R, leftward), matrices_times(R, from_track)
 
     heading = _heading(nav, ahead)
 
-    def shape(index: np.ndarray | slice) -> Array:
+    def shape(index: Rows) -> Array:
         rows = ascent.rows_of(index)
         R = nav.R[rows]
         place = nav.p[rows] - matrices_times(R, from_track)
@@ -190,15 +208,32 @@ def _profile(run: RunContext, motion: DenseMotion, states: States, stretch: Pass
 
     grid, (east, north, height, heading, tilt) = resample_computed(ascent.x, shape, 5, step_m)
     lateral, left = lateral_of(east, north, step_m)
-    (points,), speed = ascent.points(grid, left, seen)
-    points = replace(points, body=ascent.on(grid, lambda rows: nav.R[rows].reshape(-1, 9)).reshape(-1, 3, 3))
-    none = np.zeros(len(grid))
+    keyframe, fraction, speeds = ascent.passed(grid, speed)
+    every = rows_between_draws(run.conventions, keyframe)
+    drawn = grid[::every]
+    (points,) = ascent.points(drawn, (keyframe[::every], fraction[::every]), left[::every], seen)
+    points = replace(points, body=ascent.on(drawn, lambda rows: nav.R[rows].reshape(-1, 9)).reshape(-1, 3, 3))
+    none = np.zeros(len(drawn))
     return Profile(
         cell=np.rint(grid / step_m).astype(np.int64),
-        speed=speed,
+        keyframe=keyframe,
+        fraction=fraction,
+        speed=speeds,
         shapes=Shapes(height, lateral, tilt, heading),
         views=(View(None, points, none, none),),
+        every=every,
     )
+
+
+def rows_between_draws(meaning: GeometryConventions, keyframe: np.ndarray) -> int:
+    """Return at every how many-th row of a pass errors are drawn: as coarse as divides all bases and still shows the
+    noise between keyframes, of which ``keyframe`` (n,) has the one before each row.
+    """
+    halves = (meaning.chord_m / 2, meaning.curvature_base_m / 2, meaning.gradient_base_m / 2)
+    common = int(np.gcd.reduce([round(length / meaning.step_m) for length in (meaning.twist_base_m, *halves)]))
+    apart = len(keyframe) / max(np.ptp(keyframe), 1)
+    limit = min(_COARSEST_M / meaning.step_m, 0.5 * apart)
+    return max((n for n in range(1, common + 1) if common % n == 0 and n <= limit), default=1)
 
 
 def _heading(nav: Nav, ahead: Array) -> Array:

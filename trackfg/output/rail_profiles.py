@@ -21,7 +21,17 @@ from trackfg.numerics.arrays import Array
 from trackfg.numerics.chainage.passes import Pass, passes
 from trackfg.numerics.spans import median_interval
 from trackfg.output.dense_motion import DenseMotion
-from trackfg.output.profiles import SHORTEST_PASS_M, Ascent, Profile, Shapes, View, lateral_of, profiles
+from trackfg.output.profiles import (
+    SHORTEST_PASS_M,
+    Ascent,
+    Profile,
+    Rows,
+    Shapes,
+    View,
+    lateral_of,
+    profiles,
+    rows_between_draws,
+)
 from trackfg.sensors.displacement import SIDES, RailView, Side
 
 if TYPE_CHECKING:
@@ -90,10 +100,14 @@ def _profile(run: RunContext, motion: DenseMotion, views: list[RailView], stretc
         "right": (right[2], lateral_of(right[0], right[1], step_m)[0]),
     }
     units = (list(unit) for _, unit in groupby(sights, key=lambda sight: sight.view.along_m))
-    made = [pair for unit in units for pair in _views(run, unit, cell * step_m, leftward)]
+    grid = cell * step_m
+    keyframe, fraction, speed = sights[0].passed(grid)
+    every = rows_between_draws(run.conventions, keyframe)
     return Profile(
         cell=cell,
-        speed=made[0][1],
+        keyframe=keyframe,
+        fraction=fraction,
+        speed=speed,
         shapes=Shapes(
             height=centre[2],
             lateral=lateral,
@@ -102,7 +116,8 @@ def _profile(run: RunContext, motion: DenseMotion, views: list[RailView], stretc
             rails=rails,
             gauge=distance - views[0].head_m,
         ),
-        views=tuple(view for view, _ in made),
+        views=tuple(view for unit in units for view in _views(run, unit, grid[::every], leftward[::every])),
+        every=every,
     )
 
 
@@ -128,20 +143,29 @@ class _Sight:
         grid, values = resample(ascent.x, ascent.sorted(points).T, step_m)
         return cls(view, ascent, body, np.rint(grid / step_m).astype(np.int64), values)
 
+    def passed(self, places: Array) -> tuple[np.ndarray, Array, Array]:
+        """Return when the unit passed places, as :meth:`~trackfg.output.profiles.Ascent.passed`, and how fast."""
+        nav, forward = self.ascent.motion.nav[self.ascent.rows], self.ascent.motion.forward
 
-def _views(run: RunContext, unit: list[_Sight], grid: Array, leftward: Array) -> Iterator[tuple[View, Array]]:
-    """Yield the view of each rail under a unit, which are passed at the same time, and the speed."""
+        def speed(rows: Rows) -> Array:
+            return np.asarray(np.abs(np.sum(nav.v[rows] * (nav.R[rows] @ forward), axis=1)))
+
+        return self.ascent.passed(places, speed)
+
+
+def _views(run: RunContext, unit: list[_Sight], places: Array, leftward: Array) -> Iterator[View]:
+    """Yield the view of each rail under a unit, which are passed at the same time."""
     ascent, step_m = unit[0].ascent, run.conventions.step_m
     nav = ascent.motion.nav[ascent.rows]
     bodies = [np.where(np.isfinite(sight.body), sight.body, np.nanmedian(sight.body, axis=0)) for sight in unit]
 
-    def seen(rows: slice) -> tuple[Array, Array, Array]:
+    def seen(rows: Rows) -> tuple[Array, Array]:
         R = nav.R[rows]
-        speed = np.abs(np.sum(nav.v[rows] * (R @ ascent.motion.forward), axis=1))
         arms = [-np.einsum("mij,mj->mi", R, body[rows]) for body in bodies]
-        return R[:, :, 1] * run.direction, np.concatenate(arms, axis=1), speed
+        return R[:, :, 1] * run.direction, np.concatenate(arms, axis=1)
 
-    points, speed = ascent.points(grid, leftward, seen)
+    keyframe, fraction, speed = unit[0].passed(places)
+    points = ascent.points(places, (keyframe, fraction), leftward, seen)
     slope, walk = heading_noise(step_m, _SLOPE_M), heading_walk(step_m, _SLOPE_M)
     for sight, passed in zip(unit, points, strict=True):
         view = sight.view
@@ -149,4 +173,4 @@ def _views(run: RunContext, unit: list[_Sight], grid: Array, leftward: Array) ->
         readings = np.maximum(view.rate_hz * step_m / np.maximum(speed, _SLOWEST_MPS), 1.0)
         share = np.sqrt(_KEPT / readings)
         side: Side = view.side if run.direction > 0 else ("right" if view.side == "left" else "left")
-        yield View(side, passed, across * share, up * share, _KEPT**-0.5, slope, walk, view.along_m), speed
+        yield View(side, passed, across * share, up * share, _KEPT**-0.5, slope, walk, view.along_m)

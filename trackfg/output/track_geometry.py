@@ -46,9 +46,6 @@ Lines = Mapping[str, tuple[Array, Array]]
 _SAMPLES = 64
 """Draws of the posterior error: a sigma from n draws errs by ``1 / sqrt(2 n)``, 9 %."""
 
-_COARSEST_M = 1.25
-"""The sampled errors are smooth below this: the white noise of the inertial samples was integrated."""
-
 _AVERAGED_M = 10.0
 """Sigmas are averaged over this: 64 samples alone know a sigma to 9 %. Near a stop they change within some metres."""
 
@@ -173,8 +170,7 @@ class _Columns:
                 yield f"{quantity}_mm", 0.5 * (left + right)
 
     def _marginal(self) -> dict[str, Array]:
-        view = self.profile.views[0]
-        k, f = view.points.keyframe, view.points.fraction
+        k, f = self.profile.keyframe, self.profile.fraction
         at = self.variance[k] * (1.0 - f[:, None]) + self.variance[k + 1] * f[:, None]
         sigmas = {"chainage_m": np.sqrt(at[:, 0])}
         if not self.profile.shapes.rails:
@@ -184,7 +180,7 @@ class _Columns:
 
     def _sampled(self) -> dict[str, Array]:
         """Return sigmas for all rows, from every n-th row, by chunks that overlap by the operators' reach."""
-        rows, every = len(self.profile), self._stride
+        rows, every = len(self.profile), self.profile.every
         step = every * self.meaning.step_m
         total = -(-rows // every)
         chunk = max(1, int(_CHUNK_M / step))
@@ -193,8 +189,7 @@ class _Columns:
         below = self.profile.views[0].below * every**-0.5
         spans = [(max(0, start - margin), start, min(total, start + chunk)) for start in range(0, total, chunk)]
         drawn: Iterator[_Drawn] = (
-            self._drawn(slice(low * every, (min(total, end + margin) - 1) * every + 1, every), below)
-            for low, _, end in spans
+            self._drawn(slice(low, min(total, end + margin)), step, below) for low, _, end in spans
         )
         if len(spans) > 1:
             drawn = _made_ahead(drawn)
@@ -208,24 +203,15 @@ class _Columns:
             name: np.interp(np.arange(rows), coarse, np.sqrt(np.concatenate(pieces))) for name, pieces in parts.items()
         }
 
-    @property
-    def _stride(self) -> int:
-        """The coarsest stride that divides all bases and still shows the noise between keyframes."""
-        meaning = self.meaning
-        halves = (meaning.chord_m / 2, meaning.curvature_base_m / 2, meaning.gradient_base_m / 2)
-        common = int(np.gcd.reduce([round(length / meaning.step_m) for length in (meaning.twist_base_m, *halves)]))
-        apart = len(self.profile) / max(np.ptp(self.profile.views[0].points.keyframe), 1)
-        limit = min(_COARSEST_M / meaning.step_m, 0.5 * apart)
-        return max((n for n in range(1, common + 1) if common % n == 0 and n <= limit), default=1)
-
-    def _drawn(self, rows: slice, below: float) -> _Drawn:
-        """Draw samples of the errors of some rows, with noise in the lines that is ``below`` times as large."""
-        step = rows.step * self.meaning.step_m
+    def _drawn(self, rows: slice, step_m: float, below: float) -> _Drawn:
+        """Draw samples of the errors of some of the views' rows, which are ``step_m`` apart, with noise in the lines
+        that is ``below`` times as large.
+        """
         if self.profile.shapes.rails:
-            return self._drawn_rails(rows, step, below)
+            return self._drawn_rails(rows, step_m, below)
         path = PointErrors(self.run, self.profile.views[0].points[rows], self.errors)
         place, angle = path.places(), path.angles()
-        heading = angle.heading + place.turn / step
+        heading = angle.heading + place.turn / step_m
         return _Drawn(Shapes(place.height, place.lateral, angle.tilt, heading), {"": (place.height, place.lateral)})
 
     def _drawn_rails(self, rows: slice, step_m: float, below: float) -> _Drawn:
@@ -273,7 +259,7 @@ class _Columns:
         less what differences over two of the samples' steps have of it.
         """
         views = [view for view in self.profile.views if view.side == "left"]
-        speed = np.maximum(self.profile.speed[rows], _SLOWEST_MPS)
+        speed = np.maximum(self.profile.speed[:: self.profile.every][rows], _SLOWEST_MPS)
         variance = np.zeros(len(speed))
         for view in views:
             points = view.points[rows]

@@ -192,9 +192,8 @@ def _landmarks(
     place = used["run_m"].to_numpy()
     when = np.full(len(place), np.nan)
     for profile in sorted(passes, key=len, reverse=True):
-        points = profile.views[0].points
         within = np.isnan(when) & (place >= profile.cell[0] * step_m) & (place <= profile.cell[-1] * step_m)
-        when[within] = np.interp(place[within], profile.cell * step_m, points.keyframe + points.fraction)
+        when[within] = np.interp(place[within], profile.cell * step_m, profile.keyframe + profile.fraction)
     passed = np.isfinite(when)
     k = np.clip(when[passed].astype(np.int64), 0, len(states) - 2)
     f = when[passed] - k

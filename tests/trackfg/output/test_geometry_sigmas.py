@@ -13,7 +13,7 @@ from trackfg.graph.inputs import World
 from trackfg.graph.run_context import RunContext
 from trackfg.output.dense_motion import DenseMotion
 from trackfg.output.profile_samples import Points
-from trackfg.output.profiles import Profile, Shapes, View
+from trackfg.output.profiles import Profile, Shapes, View, rows_between_draws
 from trackfg.output.rail_profiles import rail_profiles
 from trackfg.output.track_geometry import geometry_table
 from trackfg.recording.description import Laser
@@ -68,13 +68,15 @@ def table_of(sides: tuple[Side, ...] = (), gyro: float = 1e-12, ahead_m: float =
     when = cell * STEP_M / SPEED_MPS / INTERVAL_S
     keyframe = when.astype(np.int64)
     left = np.tile([0.0, 1.0, 0.0], (n, 1))
-    points = Points(keyframe, when - keyframe, left, left, np.tile([-ahead_m, 0.0, 0.0], (n, 1)))
-    zero, noise = np.zeros(n), np.full(n, READING_SD_M)
+    every = rows_between_draws(MEANING, keyframe)
+    points = Points(keyframe, when - keyframe, left, left, np.tile([-ahead_m, 0.0, 0.0], (n, 1)))[::every]
+    zero, silent = np.zeros(n), np.zeros(len(points.fraction))
+    noise = np.full_like(silent, READING_SD_M)
     shapes = Shapes(zero, zero, zero, zero, dict.fromkeys(sides, (zero, zero)), zero if sides else None)
     views = tuple(View(side, points, noise, noise, walk=heading_walk(STEP_M)) for side in sides) or (
-        View(None, points, zero, zero),
+        View(None, points, silent, silent),
     )
-    profile = Profile(cell, np.full(n, SPEED_MPS), shapes, views)
+    profile = Profile(cell, keyframe, when - keyframe, np.full(n, SPEED_MPS), shapes, views, every)
     size = KEYFRAME_DIM + SHARED_DIM
     exact = SquareRoot(
         np.tile(1e9 * np.eye(KEYFRAME_DIM), (KEYFRAMES, 1, 1)),

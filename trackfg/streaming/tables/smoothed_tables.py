@@ -21,7 +21,6 @@ from trackfg.numerics.chainage.passes import passes
 from trackfg.numerics.float_table import float_table
 from trackfg.output.dense_motion import DenseMotion, dense_motion, dense_step
 from trackfg.output.event_sources import EventSources
-from trackfg.output.profile_samples import Points
 from trackfg.output.profiles import Profile, profiles
 from trackfg.output.rail_profiles import seen_profiles
 from trackfg.output.track_geometry import geometry_table, reach_m
@@ -251,8 +250,7 @@ class SmoothedTables:
 
     def _passed(self, t: Array, profile: Profile, until: float) -> _PassedRows:
         """Return the rows of a pass that are due, in order of passing; a pass that goes on does so at the next cell."""
-        points, cell = profile.views[0].points, profile.cell
-        when = _times(t, points)
+        cell, when = profile.cell, _times(t, profile)
         sense = 1 if when[-1] >= when[0] else -1
         due = when > self.passed_s
         if self.last_cell is not None and when.min() < self.passed_s < when.max():
@@ -260,12 +258,12 @@ class SmoothedTables:
         rows: np.ndarray = np.flatnonzero(due & (when <= until))[::sense]
         if len(rows):
             self.last_cell = int(cell[rows[-1]])
-        return _PassedRows(cell[rows], points.keyframe[rows], points.fraction[rows], when[rows])
+        return _PassedRows(cell[rows], profile.keyframe[rows], profile.fraction[rows], when[rows])
 
 
-def _times(t: Array, points: Points) -> Array:
-    """Return when the points were passed, between keyframes at ``t`` (n,), s."""
-    return np.asarray(t[points.keyframe] * (1.0 - points.fraction) + t[points.keyframe + 1] * points.fraction)
+def _times(t: Array, profile: Profile) -> Array:
+    """Return when the rows of a profile were passed, between keyframes at ``t`` (n,), s."""
+    return np.asarray(t[profile.keyframe] * (1.0 - profile.fraction) + t[profile.keyframe + 1] * profile.fraction)
 
 
 def _vehicle_at(place: Array, seen_at: Array, t: Array, distance: Array, motion: DenseMotion) -> Array:
