@@ -394,7 +394,8 @@ class ReportOptions:
     line_speed: LineSpeed = None
     km: Km = None
     background: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Lines and stations behind the map: .geojson, .gpkg.")
+        Path | None,
+        typer.Option(metavar="FILE", help="Lines and stations behind the map: GeoJSON, .gpkg, .shp, .kml, .gpx."),
     ] = None
 
 

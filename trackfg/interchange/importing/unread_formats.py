@@ -69,7 +69,11 @@ _BY_CONTENT: tuple[tuple[re.Pattern[bytes], str, str], ...] = (
         "a text of messages of ROS, of ros2 topic echo",
         "record a bag, ros2 bag record TOPIC ..., and import that; or echo Imu and NavSatFix with --csv",
     ),
-    (re.compile(rb"SQLite format 3\x00"), "a SQLite database", "give it the suffix .db or .sqlite"),
+    (
+        re.compile(rb"SQLite format 3\x00"),
+        "a SQLite database",
+        "of a ROS 2 bag give the folder, which has metadata.yaml; give another one the suffix .db or .sqlite",
+    ),
     (re.compile(rb"PAR1"), "a Parquet file", "give it the suffix .parquet"),
     (re.compile(rb"\x28\xb5\x2f\xfd"), "a file compressed by Zstandard", "unpack it: zstd -d"),
     (re.compile(rb"7z\xbc\xaf"), "a 7z archive", "unpack it, and import the folder"),

@@ -788,6 +788,7 @@ def test_posts_of_a_line_against_its_chainages(drive: Drive, tmp_path: Path, imp
         ("log.parquet", b"PAR1" + bytes(50), "log.parquet: cannot be read"),
         ("log.feather", b"ARROW1" + bytes(50), "log.feather: cannot be read"),
         ("log.db", b"SQLite format 3\0" + bytes(50), "log.db: cannot be read"),
+        ("bag_0.db3", b"SQLite format 3\0" + bytes(50), "a SQLite database.*of a ROS 2 bag give the folder"),
         ("log.mat", b"MATLAB 5.0 MAT-file" + bytes(200), "log.mat: cannot be read"),
         ("log.npz", b"PK\x03\x04" + bytes(50), "log.npz: cannot be read"),
         ("log.jsonl", b'{"t": 1}\n{"t": \n', "log.jsonl: row 2 is no JSON"),
