@@ -32,7 +32,7 @@ from trackfg.numerics.geodesy import EARTH_RATE
 from trackfg.numerics.rotations import rpy_from_matrix
 from trackfg.numerics.units import DEG_PER_H
 from trackfg.recording.findings import Finding
-from trackfg.results.verdict import Doubt
+from trackfg.results.verdict import Doubt, Quantity
 from trackfg.smoothing.doubts.gradient_doubts import is_steeper_than_any_line
 from trackfg.smoothing.doubts.mounting_doubts import lasting_pull, moving_point
 from trackfg.smoothing.noise_levels import FAR_OFF
@@ -93,6 +93,10 @@ class _Scalar(NamedTuple):
         if self.ways is None:
             return self.text.format(f"{shown:.4g}")
         return self.text.format(f"{abs(shown):.3g}", self.ways[0 if shown > 0 else 1])
+
+    def off(self, value: float, sigmas: float, sd: float) -> str:
+        """Return in words that the value is that many ``sigmas`` from what was known to ``sd``."""
+        return f"{self.described(value)}, {sigmas:.1f} sigmas from what was declared or assumed to {sd:.2g}"
 
 
 def _mounting() -> Iterator[_Scalar]:
@@ -173,6 +177,25 @@ _SCALARS: dict[Kind, tuple[_Scalar, ...]] = {
     Kind.SENSOR: _FURTHER,
     Kind.ODO: (_Scalar(Odo.SCALE, "the wheel's scale is {}", _SCALE_HINT, origin=1.0),),
 }
+
+
+_MOVES: tuple[tuple[Quantity, ...], ...] = (("level", "alignment"), ("level",), ("alignment",))
+"""What the point that follows the track errs by where it is known badly along, across and above: pitch and yaw lift and
+shift what is ahead, roll lifts what is beside and shifts what is above."""
+
+
+def far_point(mount: Array, sd: Array) -> tuple[Doubt, ...]:
+    """Return the doubt of a geometry for which a ``mount`` (5,) has the point that follows the track far from where it
+    was known to be, to ``sd`` (3,), m. A batch widens the prior instead.
+    """
+    sigmas = np.abs(mount[2:]) / sd
+    far = np.flatnonzero(sigmas > _FAR_SIGMAS)
+    if not far.size or (np.abs(mount[2:]) > _FARTHEST[2:]).any():
+        return ()
+    scalars = _SCALARS[Kind.MOUNT][2:]
+    reason = "; ".join(scalars[c].off(float(mount[2 + c]), float(sigmas[c]), float(sd[c])) for c in far.tolist())
+    quantities = tuple(dict.fromkeys(quantity for c in far.tolist() for quantity in _MOVES[c]))
+    return (Doubt(quantities, np.inf, reason, scalars[0].hint),)
 
 
 def wide_priors(run: SolvedRun) -> Reassessment:
@@ -295,8 +318,7 @@ def _contradictions(kind: Kind, judged: _Judged, far: list[_Scalar], sigma: Arra
     if not far:
         return []
     sentence = "; ".join(
-        f"{scalar.described(float(judged.alone[scalar.column]))}, {abs(judged.sigmas[scalar.column]):.1f} sigmas from "
-        f"what was declared or assumed to {sigma[scalar.column]:.2g}"
+        scalar.off(float(judged.alone[scalar.column]), abs(judged.sigmas[scalar.column]), sigma[scalar.column])
         for scalar in far
     )
     hint = "; ".join(dict.fromkeys(scalar.hint for scalar in far))

@@ -10,7 +10,7 @@ module                  content
 ``reporting``           when doubts are looked for, and which of them are new
 ``track_cells``         smoothed rows on a grid along the way, which two of the tests take
 ``sigma_test``          differences between smoothed and filtered estimates, and innovations of fixes
-``far_priors``          clocks and an accelerometer that are off by more than was declared
+``far_priors``          clocks, an accelerometer and a lever arm that are off by more than was declared
 ``fix_delay_test``      fixes that are late
 ``shared_error_test``   an error that positions may share
 ``roll_test``           mean roll on straights

@@ -17,6 +17,7 @@ from trackfg.numerics.arrays import Array
 from trackfg.results.events import Event, doubt_event
 from trackfg.smoothing.clocks import late_clocks
 from trackfg.smoothing.rectification import grown_bias
+from trackfg.smoothing.wide_priors import far_point
 
 _FAR_SIGMAS = 4.0
 """Declared sigmas beyond which a value is doubted, as priors of the batch are: GNSS that is 1 s late (3.3) has errors
@@ -53,3 +54,13 @@ def _rectification_doubts(coefficients: Array, sd: float, until_s: float) -> tup
     advice = "declare rectification_sd of [imu.noise] as large, or smooth the recording"
     quantities = ("roll", "pitch", "cross_level", "gradient")
     return (doubt_event(quantities, grown_bias(coefficients), advice, t_s=until_s),)
+
+
+def mounting_doubts(mount: Array, sd: Array, until_s: float) -> tuple[Event, ...]:
+    """Return an event where a ``mount`` (5,) has the point that follows the track far from where it was known to be, to
+    ``sd`` (3,), m: rows before that was found have it elsewhere.
+    """
+    return tuple(
+        doubt_event(doubt.quantities, doubt.reason, f"{doubt.hint}, or smooth the recording", t_s=until_s)
+        for doubt in far_point(mount, sd)
+    )

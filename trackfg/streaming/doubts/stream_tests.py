@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+import numpy as np
 import pandas as pd
 
 from trackfg.graph.inputs import declared_noise
@@ -13,7 +14,7 @@ from trackfg.streaming.doubts.accelerometer_test import AccelerometerTest
 from trackfg.streaming.doubts.axle_test import AxleTest
 from trackfg.streaming.doubts.bandwidth_test import BandwidthTest
 from trackfg.streaming.doubts.cut_test import CutTest
-from trackfg.streaming.doubts.far_priors import prior_doubts
+from trackfg.streaming.doubts.far_priors import mounting_doubts, prior_doubts
 from trackfg.streaming.doubts.fix_delay_test import FixDelayTest
 from trackfg.streaming.doubts.lean_test import LeanTest
 from trackfg.streaming.doubts.roll_test import RollTest
@@ -95,6 +96,9 @@ class StreamTests:
                 doubts += self.shared_error.events(records.gnss, until, has_fixes=description.fixes is not None)
             if description.imu.rigid:
                 doubts += records.noise.track_doubts(until)
+                if running.heading_known and not records.noise.has_risen:  # noise moves the point, too
+                    known_to = np.array(description.imu.lever_arm_sigma_m)
+                    doubts += mounting_doubts(running.newest.states.mount[0], known_to, until)
             declared = description.imu.noise.rectification_sd
             doubts += prior_doubts(running.newest.states, moving.config, declared, until)
         return doubts

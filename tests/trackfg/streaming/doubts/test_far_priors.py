@@ -14,7 +14,7 @@ from trackfg.datasets.scenarios import simulate
 from trackfg.factors.bias import RECTIFICATION
 from trackfg.factors.states import Kind, States
 from trackfg.results.events import DOUBT, Event
-from trackfg.streaming.doubts.far_priors import prior_doubts
+from trackfg.streaming.doubts.far_priors import mounting_doubts, prior_doubts
 
 from ..conftest import setting_off, streamed
 
@@ -43,6 +43,25 @@ def test_a_bias_that_grows_with_vibration_by_more_than_declared_is_a_doubt_of_th
     assert event.detail.startswith("roll, pitch, cross_level, gradient: the accelerometer's bias grows with vibration")
     assert "0, 0, -0.002 m/s^2" in event.detail
     assert "declare rectification_sd" in event.detail
+
+
+@pytest.mark.parametrize(
+    ("off_m", "quantities"),
+    [
+        ((0.0, 0.0, -0.5), "alignment"),
+        ((0.0, 0.5, 0.0), "level"),
+        ((0.5, 0.0, 0.0), "level, alignment"),
+        ((0.19, 0.0, -0.19), None),
+        ((0.0, 0.0, -9.0), None),
+    ],
+)
+def test_a_point_far_from_the_declared_one_is_a_doubt_of_what_turns_move(
+    off_m: tuple[float, float, float], quantities: str | None
+) -> None:
+    """Within four sigmas it may be there, and outside of any vehicle it is noise."""
+    events = mounting_doubts(np.array([0.0, 0.0, *off_m]), np.full(3, 0.05), 60.0)
+    assert [event.detail.partition(":")[0] for event in events] == ([] if quantities is None else [quantities])
+    assert all("10.0 sigmas from what was declared or assumed to 0.05" in event.detail for event in events)
 
 
 @pytest.mark.slow
