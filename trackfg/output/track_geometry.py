@@ -78,19 +78,23 @@ def geometry_table(
     names = [*GEOMETRY_COLUMNS, *(RAIL_COLUMNS if with_rails else ())]
     if not passes:
         return pd.DataFrame(columns=names, dtype=np.float64)
-    rng = NormalDraws()
-    errors = PosteriorErrors.of(states, posterior_samples(root, _SAMPLES, rng), rng)
     variance = keyframe_variances(states, covariance, run.lever_arm, run.mount_roll_sd)
-    tables: list[pd.DataFrame] = []
+    parts: list[tuple[_Columns, np.ndarray]] = []
     taken = np.zeros(0, dtype=np.int64)
     for profile in sorted(passes, key=len, reverse=True):
         free = ~np.isin(profile.cell, taken)
         if free.any():
-            columns = _Columns(run, profile, errors, variance).all()
-            unknown = np.full(len(profile), np.nan)
-            table = float_table({name: columns.get(name, unknown) for name in names})
-            tables.append(table if free.all() else table[free])
+            parts.append((_Columns(run, profile, variance), free))
             taken = np.concatenate([taken, profile.cell[free]])
+    rng = NormalDraws()
+    errors = PosteriorErrors.of(states, posterior_samples(root, _SAMPLES, rng), rng)
+    sampled = [columns.sampled(errors) for columns, _ in parts]
+    del errors  # the tables need its memory
+    tables: list[pd.DataFrame] = []
+    for (columns, free), sigmas in zip(parts, sampled, strict=True):
+        of_pass, unknown = columns.all(sigmas), np.full(len(free), np.nan)
+        table = float_table({name: of_pass.get(name, unknown) for name in names})
+        tables.append(table if free.all() else table[free])
     if len(tables) == 1:
         return tables[0]  # one pass ascends, and no row of it is left out
     return pd.concat(tables, ignore_index=True).sort_values("chainage_m", ignore_index=True)
@@ -115,7 +119,6 @@ class _Columns:
 
     run: RunContext
     profile: Profile
-    errors: PosteriorErrors
     variance: Array
 
     @property
@@ -123,13 +126,14 @@ class _Columns:
         """The meaning of the columns."""
         return self.run.conventions
 
-    def all(self) -> dict[str, Array]:
+    def all(self, sampled: Mapping[str, Array]) -> dict[str, Array]:
+        """Return the columns by their names, with the sigmas that were sampled."""
         profile, step = self.profile, self.meaning.step_m
         place = {"chainage_m": profile.cell * step, "speed_mps": profile.speed}
         shapes = profile.shapes
         lines = {"": (shapes.height, shapes.lateral)} | {f"_{side}": rail for side, rail in shapes.rails.items()}
         values = dict([*self._points(shapes, step), *self._bands(lines, step)])
-        sigmas = {**self._sampled(), **self._marginal()}
+        sigmas = {**sampled, **self._marginal()}
         if profile.shapes.rails:
             short = np.sqrt(_averaged((1e-3 * values["alignment_mm"]) ** 2, step, _TYPICAL_M))
             missed = _SHORT_WAVES * short / self.meaning.curvature_base_m
@@ -178,7 +182,7 @@ class _Columns:
             sigmas["cross_level_mm"] = 1e3 * self.meaning.cross_level_base_m * np.sqrt(roll)
         return sigmas
 
-    def _sampled(self) -> dict[str, Array]:
+    def sampled(self, errors: PosteriorErrors) -> dict[str, Array]:
         """Return sigmas for all rows, from every n-th row, by chunks that overlap by the operators' reach."""
         rows, every = len(self.profile), self.profile.every
         step = every * self.meaning.step_m
@@ -189,7 +193,7 @@ class _Columns:
         below = self.profile.views[0].below * every**-0.5
         spans = [(max(0, start - margin), start, min(total, start + chunk)) for start in range(0, total, chunk)]
         drawn: Iterator[_Drawn] = (
-            self._drawn(slice(low, min(total, end + margin)), step, below) for low, _, end in spans
+            self._drawn(errors, slice(low, min(total, end + margin)), step, below) for low, _, end in spans
         )
         if len(spans) > 1:
             drawn = _made_ahead(drawn)
@@ -203,25 +207,25 @@ class _Columns:
             name: np.interp(np.arange(rows), coarse, np.sqrt(np.concatenate(pieces))) for name, pieces in parts.items()
         }
 
-    def _drawn(self, rows: slice, step_m: float, below: float) -> _Drawn:
+    def _drawn(self, errors: PosteriorErrors, rows: slice, step_m: float, below: float) -> _Drawn:
         """Draw samples of the errors of some of the views' rows, which are ``step_m`` apart, with noise in the lines
         that is ``below`` times as large.
         """
         if self.profile.shapes.rails:
-            return self._drawn_rails(rows, step_m, below)
-        path = PointErrors(self.run, self.profile.views[0].points[rows], self.errors)
+            return self._drawn_rails(errors, rows, step_m, below)
+        path = PointErrors(self.run, self.profile.views[0].points[rows], errors)
         place, angle = path.places(), path.angles()
         heading = angle.heading + place.turn / step_m
         return _Drawn(Shapes(place.height, place.lateral, angle.tilt, heading), {"": (place.height, place.lateral)})
 
-    def _drawn_rails(self, rows: slice, step_m: float, below: float) -> _Drawn:
+    def _drawn_rails(self, errors: PosteriorErrors, rows: slice, step_m: float, below: float) -> _Drawn:
         """Draw the errors of the motion, and add the white noise of the displacement sensors."""
-        views, rng, left = self.profile.views, self.errors.rng, self.profile.views[0].points.left[rows]
+        views, rng, left = self.profile.views, errors.rng, self.profile.views[0].points.left[rows]
         share: dict[Side | None, float] = {side: 1.0 / sum(view.side == side for view in views) for side in SIDES}
-        moved: dict[Side | None, Shifts] = {side: Shifts.none(len(left), self.errors.count) for side in SIDES}
+        moved: dict[Side | None, Shifts] = {side: Shifts.none(len(left), errors.count) for side in SIDES}
         for _, unit in groupby(views, key=lambda view: view.along_m):
             under_unit = list(unit)  # passed at the same time
-            passage = PointErrors(self.run, under_unit[0].points[rows], self.errors)
+            passage = PointErrors(self.run, under_unit[0].points[rows], errors)
             for view in under_unit:
                 passage.add_to(moved[view.side], view.points.arm[rows], share[view.side])
         smooth = {side: moved.pop(side).along(left) for side in SIDES}
