@@ -43,7 +43,7 @@ def exit_statuses() -> Iterator[None]:
     except TrackfgError as error:
         _fail(error, status=1)
     except OSError as error:
-        _fail(_sentence(error), status=1)
+        _fail(sentence_of(error), status=1)
     except MemoryError as error:
         _fail(f"out of memory ({first_line(error)}). Hint: {_LESS_MEMORY}", status=1)
     except RuntimeError as error:
@@ -106,7 +106,7 @@ def _discard(stream: TextIO) -> None:
     os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
 
 
-def _sentence(error: OSError) -> str:
+def sentence_of(error: OSError) -> str:
     """Return the file and why the system refused it."""
     if error.strerror is None:
         return str(error)

@@ -24,7 +24,7 @@ from trackfg.cli.batch import batch
 from trackfg.cli.browse.command import browse
 from trackfg.cli.exits import exit_statuses
 from trackfg.cli.exporting import export
-from trackfg.cli.importing import import_recording, init
+from trackfg.cli.importing.commands import import_recording, init
 from trackfg.cli.mapping.maps import maps
 from trackfg.cli.options import (
     LIMITS_HELP,

@@ -125,6 +125,60 @@ def test_a_mapping_of_one_file_takes_the_next_one_whatever_its_name(trackfg, tmp
     assert "Hint: did you mean 'run of Monday.csv'? A pattern, such as 'log*.csv'," in wrong.stderr
 
 
+def test_many_logs_of_one_device_become_recordings_in_one_folder(trackfg, tmp_path):
+    logs, out = tmp_path / "logs", tmp_path / "recordings"
+    logs.mkdir()
+    for seed, name in enumerate(("monday", "tuesday", "wednesday")):
+        recording = simulate("trolley", seed=seed, duration_s=80.0).recording
+        table = recording.imu.iloc[::4].reset_index(drop=True)
+        table["distance_m"] = np.interp(table["t_s"], recording.tach["t_s"], recording.tach["distance_m"])
+        table.to_csv(logs / f"{name}.csv", index=False)
+    mapping = tmp_path / "device.toml"
+    made = trackfg("init", logs / "monday.csv", "-o", tmp_path / "first", "--mapping", mapping, "--yes")
+    assert made.returncode == 0, made.stderr
+    (logs / "broken.csv").write_text("t_s,wx_radps\n0.0,1.0\n0.1,2.0\n")
+    days = [logs / f"{name}.csv" for name in ("monday", "broken", "tuesday")]
+
+    done = trackfg("import", *days, "-o", out, "--mapping", mapping)
+    assert done.returncode == 1
+    (fault,) = [line for line in done.stderr.splitlines() if "note" not in line]
+    assert fault.startswith(f"trackfg: {logs / 'broken.csv'}: ")
+    assert fault.count("broken.csv") == 1
+    assert "no column" in fault
+    assert sorted(path.name for path in out.iterdir()) == ["monday", "tuesday"]
+    assert "imported: 2 of 3, there already 0, failed 1" in done.stdout
+    assert read_recording(out / "tuesday").imu["wz_radps"].equals(pd.read_csv(days[2])["wz_radps"])
+    assert read_recording(out / "tuesday").description.id == "tuesday"
+
+    next_day = trackfg("import", days[0], logs / "wednesday.csv", "-o", out, "--mapping", mapping)
+    assert next_day.returncode == 0, next_day.stderr
+    assert f"in {out} already, and left as they are: monday.csv" in next_day.stderr
+    assert "imported: 1 of 2, there already 1, failed 0" in next_day.stdout
+    assert (out / "wednesday" / "recording.toml").exists()
+
+
+@pytest.mark.parametrize(
+    ("sources", "out", "mapping", "message"),
+    [
+        (("a.csv", "b.csv"), "all", None, "several sources are imported by one mapping"),
+        (("a.csv", "x/a.csv"), "all", "m.toml", "both would become"),
+        (("a.csv", "b.csv"), "taken", "m.toml", "is a trackfg recording; expected a folder for the recordings"),
+        (("a.csv", "b.csv"), "m.toml", "m.toml", "m.toml: is a file; expected a folder for the recordings"),
+    ],
+)
+def test_sources_that_cannot_go_together_are_refused_before_any_is_read(
+    sources, out, mapping, message, answered, tmp_path
+):
+    (tmp_path / "taken").mkdir()
+    (tmp_path / "taken" / "recording.toml").write_text("")
+    (tmp_path / "m.toml").write_text('format = "trackfg-mapping/1"\n[imu]\nfile = "a.csv"\n')
+    by = [] if mapping is None else ["--mapping", tmp_path / mapping]
+    done = answered("import", *(tmp_path / name for name in sources), "-o", tmp_path / out, *by, answers="")
+    assert done.returncode == 2
+    assert message in done.stderr
+    assert not (tmp_path / "all").exists()
+
+
 def _mapping_of(mapping, name, folder):
     other = folder / "other.toml"
     other.write_text(mapping.read_text().replace("run of Monday.csv", name))

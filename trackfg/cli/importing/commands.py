@@ -3,13 +3,23 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Container, Iterable, Sequence
+from collections.abc import Container
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from trackfg.cli.terminal import command, interruptible, next_step, note, print_unless_quiet, titled, working
+from trackfg.cli.importing.many_logs import errors_in, import_each, imported, name_of
+from trackfg.cli.importing.notes import notes_of, notes_of_geometry, notes_of_unused, print_notes
+from trackfg.cli.terminal import (
+    command,
+    interruptible,
+    next_step,
+    note,
+    print_unless_quiet,
+    titled,
+    working,
+)
 
 if TYPE_CHECKING:
     from typing import TextIO
@@ -18,15 +28,20 @@ if TYPE_CHECKING:
     from rich.table import Table
     from rich.text import TextType
 
-    from trackfg.interchange.importing.conversion import Conversion, Imported
-    from trackfg.interchange.importing.geometry_reading import GeometryReading
+    from trackfg.interchange.importing.conversion import Imported
     from trackfg.interchange.importing.proposals.questions import Ask, Proposal, Question
     from trackfg.interchange.importing.source_format import SourceFormat
     from trackfg.interchange.importing.source_table import SourceTable
     from trackfg.results.result import Result
 
 Source = Annotated[Path, typer.Argument(metavar="SRC", help="File, folder or zip of the recording.")]
+Sources = Annotated[
+    list[Path], typer.Argument(metavar="SRC...", help="File, folder or zip of a recording; several with a mapping.")
+]
 Out = Annotated[Path, typer.Option("-o", "--out", metavar="REC", help="Folder for the recording.")]
+OutOfEach = Annotated[
+    Path, typer.Option("-o", "--out", metavar="REC", help="Folder for the recording; of several sources for them all.")
+]
 Format = Annotated[
     str | None, typer.Option("--from", metavar="FORMAT", help="Its format; by default it is recognised.")
 ]
@@ -50,13 +65,10 @@ _SHOWN = {
 }
 """What is shown of a proposed mapping: by section and key its name, and the key of its unit."""
 
-_MOST_NAMED = 12
-"""Columns of a table, or tables, that are not used and named: decoded CAN traces have hundreds."""
-
 
 def import_recording(
-    source: Source,
-    out: Out,
+    sources: Sources,
+    out: OutOfEach,
     from_format: Format = None,
     mapping: Annotated[
         Path | None, typer.Option(metavar="M.toml", help="Which columns are what; by default it is guessed.")
@@ -66,30 +78,43 @@ def import_recording(
 
     Without a mapping, columns are recognised by their names and values, and what these do not show is assumed and
     listed. A table of track geometry by places, without inertial sensors, becomes a result without a trajectory.
+
+    Several sources of one device become recordings of their names in one folder, by one mapping. Those that are there
+    already are left as they are; exit status 1 if one fails.
     """
+    from trackfg.errors import BadInputError
     from trackfg.interchange.importing.channels.measured_geometry import measured_result
     from trackfg.interchange.importing.channels.source_geometry import geometry_in, source_tables
-    from trackfg.interchange.importing.conversion import converted
     from trackfg.interchange.importing.mapping import read_mapping
 
     plan = None if mapping is None else read_mapping(mapping)
-    with working("reading"):
-        form, tables = source_tables(source, from_format, plan)
-        measured = geometry_in(tables, plan, source.stem)
-    if measured is not None:
-        _report_geometry(measured_result(*measured), out, _notes_of_geometry(*measured[:2]))
-    elif plan is None:
-        proposal, made = _proposed(source, out, form, tables, _assume)
-        _note_reasons(proposal)
-        _report(made)
-    else:
+    if len(sources) > 1:
+        if plan is None:
+            first = command("init", sources[0], "-o", out / name_of(sources[0]), "--mapping", "device.toml")
+            raise BadInputError(
+                f"--mapping: several sources are imported by one mapping; expected one. Hint: make it by: {first}"
+            )
+        import_each(sources, out, from_format, plan)
+        return
+    (source,) = sources
+    if plan is not None:
         with working("reading"):
-            conversion = converted(tables, plan, run_id=source.stem)
-            notes = _notes_of(tables, conversion)
-            tables.clear()  # the recording is read back, and there is no need for both in memory
-            made = conversion.write(out)
-        _note(notes)
-        _report(made)
+            made, notes = imported(source, out, from_format, plan)
+        print_notes(notes)
+        _report(made, out)
+        return
+    with working("reading"):
+        form, tables = source_tables(source, from_format, None)
+        measured = geometry_in(tables, None, source.stem)
+    if measured is not None:
+        result = measured_result(*measured)
+        result.write(out)
+        print_notes(notes_of_geometry(*measured[:2]))
+        _report(result, out)
+        return
+    proposal, proposed = _proposed(source, out, form, tables, _assume)
+    _note_reasons(proposal)
+    _report(proposed, out)
 
 
 def init(
@@ -123,7 +148,10 @@ def init(
         form, tables = source_tables(source, from_format, None)
         measured = geometry_in(tables, None, source.stem)
     if measured is not None:
-        _report_geometry(measured_result(*measured), out, _notes_of_geometry(*measured[:2]))
+        result = measured_result(*measured)
+        result.write(out)
+        print_notes(notes_of_geometry(*measured[:2]))
+        _report(result, out)
         write_whole(target, geometry_mapping_text(measured[1]).encode("utf-8"))
         print_unless_quiet(f"mapping: {target}")
         return
@@ -131,7 +159,7 @@ def init(
     write_whole(target, mapping_text(proposal).encode("utf-8"))
     _note_reasons(proposal, shown={f"{section}.{key}" for section, keys in _SHOWN.items() for key in keys})
     print_unless_quiet(_recognised(proposal, source), f"mapping: {target}")
-    _report(made)
+    _report(made, out)
 
 
 def _proposed(
@@ -163,8 +191,8 @@ def _proposed(
             settle_by_force(proposal, tables, ask_alone)
             mapping = mapping_of(proposal.sections, "proposed mapping")
             conversion = converted(tables, mapping, run_id=source.stem)
-            notes = _notes_of(tables, conversion)
-            notes += _unused_notes(proposal, tables)
+            notes = notes_of(tables, conversion)
+            notes += notes_of_unused(proposal, tables)
             tables.clear()  # as above
             made = conversion.write(out)
         except BadInputError:
@@ -172,9 +200,9 @@ def _proposed(
                 write_whole(kept, mapping_text(proposal).encode("utf-8"))
                 edit = "correct it" if "axes" in proposal.sections["imu"] else "correct it and state imu.axes"
                 again = command("import", source, "-o", out, "--mapping", kept)
-                _note([f"the answers are in {kept}: {edit}, then run: {again}"])
+                print_notes([f"the answers are in {kept}: {edit}, then run: {again}"])
             raise
-    _note(notes)
+    print_notes(notes)
     return proposal, made
 
 
@@ -197,17 +225,7 @@ def _recognised(proposal: Proposal, source: Path) -> Table:
 
 def _note_reasons(proposal: Proposal, shown: Container[str] = ()) -> None:
     """Print why keys of a mapping are what they are, but for those that are ``shown`` otherwise."""
-    _note(f"{key}: {reason}" for key, reason in proposal.reasons.items() if key not in shown)
-
-
-def _notes_of(tables: Sequence[SourceTable], conversion: Conversion) -> list[str]:
-    """Return what reading has assumed."""
-    return [*(text for table in tables for text in table.notes), *conversion.notes]
-
-
-def _note(notes: Iterable[str]) -> None:
-    for text in notes:
-        note(f"trackfg: note: {text}")
+    print_notes(f"{key}: {reason}" for key, reason in proposal.reasons.items() if key not in shown)
 
 
 def _assume(question: Question) -> str:
@@ -267,59 +285,22 @@ def _ask(question: Question) -> str:
         raise BadInputError(f"{question.key}: no answer to: {question.text}. Hint: {hint}") from None
 
 
-def _notes_of_geometry(table: SourceTable, reading: GeometryReading) -> list[str]:
-    """Return what reading a channel table has assumed, and the columns that are not used."""
-    from trackfg.interchange.importing.channels.proposed_reading import unused_channels
-
-    unused = unused_channels(table, reading)
-    return [*table.notes, *([_not_used(table.name, unused)] if unused else [])]
-
-
-def _unused_notes(proposal: Proposal, tables: Sequence[SourceTable]) -> list[str]:
-    """Return what is not used of the tables; those with the columns of the one that is are named together."""
-    from trackfg.interchange.importing.proposal import unused_columns
-
-    columns_of = {table.name: table.columns for table in tables}
-    used = proposal.sections["imu"]["file"]
-    unused = unused_columns(proposal.sections, tables)
-    alike = [name for name in unused if isinstance(used, str) and name != used and columns_of[name] == columns_of[used]]
-    notes = [_not_used(name, columns) for name, columns in unused.items() if name not in alike]
-    if alike:
-        hint = "Hint: other runs are imported each by itself: trackfg import FILE -o REC --mapping M.toml"
-        notes.append(f"not used: {_some(alike)}, which have the columns of {used}. {hint}")
-    return notes
-
-
-def _not_used(table: str, columns: list[str]) -> str:
-    return f"not used of {table}: {_some(columns)}"
-
-
-def _some(names: list[str]) -> str:
-    more = f" and {len(names) - _MOST_NAMED} more" if len(names) > _MOST_NAMED else ""
-    return f"{', '.join(names[:_MOST_NAMED])}{more}"
-
-
-def _report_geometry(result: Result, out: Path, notes: Iterable[str]) -> None:
-    """Write the result of a channel table, and print what it holds and what was assumed of it."""
+def _report(made: Imported | Result, out: Path) -> None:
+    """Print what was made and what is doubtful in it. Exit status 2 where a recording's tables are wrong."""
     from trackfg.cli import tables
+    from trackfg.results.result import Result
 
-    result.write(out)
-    _note(notes)
-    print_unless_quiet(tables.findings(result.summary.findings, "No fault in the table itself."))
-    chainage = result.geometry["chainage_m"]
-    print_unless_quiet(f"geometry: {len(chainage)} rows from {chainage.iloc[0]:.2f} m to {chainage.iloc[-1]:.2f} m")
-    print_unless_quiet(f"result: {out}")
-
-
-def _report(made: Imported) -> None:
-    """Print what was made and what is doubtful in its tables by themselves. Exit status 2 where something is wrong."""
-    from trackfg.cli import tables
-
+    if isinstance(made, Result):
+        print_unless_quiet(tables.findings(made.summary.findings, "No fault in the table itself."))
+        chainage = made.geometry["chainage_m"]
+        print_unless_quiet(f"geometry: {len(chainage)} rows from {chainage.iloc[0]:.2f} m to {chainage.iloc[-1]:.2f} m")
+        print_unless_quiet(f"result: {out}")
+        return
     none = "No fault in the tables themselves: trackfg check says whether they agree."
     print_unless_quiet(tables.findings(made.loaded.findings, none))
     for name, rows in made.rows.items():
         print_unless_quiet(f"{name}: {rows} rows")
-    print_unless_quiet(f"recording: {made.folder}")
-    if any(finding.level == "error" for finding in made.loaded.findings):
+    print_unless_quiet(f"recording: {out}")
+    if errors_in(made):
         raise typer.Exit(2)
-    next_step(command("check", made.folder), command("smooth", made.folder, "-o", f"{made.folder}-out"))
+    next_step(command("check", out), command("smooth", out, "-o", f"{out}-out"))

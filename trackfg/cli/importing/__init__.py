@@ -1,0 +1,1 @@
+"""Commands that import recordings of other systems."""
