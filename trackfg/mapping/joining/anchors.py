@@ -53,6 +53,11 @@ def offset_variable(run_id: str) -> str:
     return f"run/{run_id}/offset_m"
 
 
+def is_chainage(variable: str) -> bool:
+    """Return whether a variable is the chainage of an anchor."""
+    return variable.endswith("/chainage_m")
+
+
 def is_offset(variable: str) -> bool:
     """Return whether a variable is the offset of a run."""
     return variable.startswith("run/")

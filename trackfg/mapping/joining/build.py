@@ -2,7 +2,8 @@
 
 The steps, with the modules that take them: where the run's profile lies on the map's (``recognition``), its information
 on the map's variables (``joining.anchors``), its profile merged into the grid (``joining.merging``), the joint solution
-of all runs (``joining.joint_solution``), and grid, landmarks and line moved to that (``joining.finishing``).
+of all runs (``joining.joint_solution``), in which they count as much as they agree (``joining.agreement``), and grid,
+landmarks and line moved to that (``joining.finishing``).
 
 The runs in the map are not needed again: their information is kept, and the grid is their weighted mean.
 
@@ -19,6 +20,7 @@ from functools import partial, reduce
 from typing import Any
 
 from trackfg.errors import BadInputError
+from trackfg.mapping.joining.agreement import disagreements, in_agreement
 from trackfg.mapping.joining.finishing import finished
 from trackfg.mapping.joining.joining import Part, joined, part_of_run, run_facts, together
 from trackfg.mapping.joining.survey import Survey, reopened
@@ -156,6 +158,7 @@ def _joining(progress: Progress | None) -> Joining:
 
 def _with_runs(survey: Survey, runs: Sequence[Result | JoinableRun], joining: Joining) -> FeatureMap:
     with one_thread():
+        known = set(survey.runs)
         waiting = dict(_named(survey, runs, joining.leave_out))
         steps = len(waiting) + 1
         survey, waiting = _in_turn(survey, waiting, lambda run, done: joining.progress(run, done / steps))
@@ -167,6 +170,9 @@ def _with_runs(survey: Survey, runs: Sequence[Result | JoinableRun], joining: Jo
         for message in survey.doubts.values():
             joining.warn(message)
         joining.progress("landmarks", 1.0 - 1.0 / steps)
+        survey, agreement = in_agreement(survey)
+        for message in disagreements(survey, agreement, set(survey.runs) - known):
+            joining.warn(message)
         return finished(survey)
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 
 from trackfg.curves import find_curves
-from trackfg.mapping.joining.anchors import sighted_values
+from trackfg.mapping.joining.anchors import is_chainage, sighted_values
 from trackfg.mapping.joining.design import cant_profile
 from trackfg.mapping.joining.joint_solution import JointSolution
 from trackfg.mapping.joining.landmarks import landmarks
@@ -88,7 +88,7 @@ def _run_row(
     values = sighted_values(information)
     sighted, names = values.to_numpy(), list(values.index)
     which = joint.rows(names)
-    is_place = np.array([name.endswith("/chainage_m") for name in names])
+    is_place = np.array([is_chainage(name) for name in names])
     x, places, levels = sighted[is_place], which[is_place], which[~is_place]
     about_middle = x - x.mean()
     line = np.array([np.full(len(x), 1.0 / len(x)), about_middle / max(about_middle @ about_middle, _NO_LENGTH_M2)])

@@ -18,6 +18,7 @@ from trackfg.errors import BadInputError
 from trackfg.mapping.joining.anchors import (
     chainage_variable,
     cross_level_variable,
+    is_chainage,
     is_offset,
     offset_variable,
     roll_variable,
@@ -79,21 +80,42 @@ class Survey:
     def with_information(self, runs: Mapping[str, SurveyedRun], information: Mapping[str, RunInformation]) -> Survey:
         """Return the survey with the information of more runs, in their order.
 
-        The first run of a sensor brings the prior of its roll. The first run's offset is kept while no run had a fix,
-        since the survey counts from its start.
+        The first run of a sensor brings the prior of its roll.
         """
-        whole, anchored, kept = self.pooled, self.anchored, dict(self.information)
+        added, known = dict(information), {name for rows in self.information.values() for name in rows.variables}
         for run_id, rows in information.items():
             facts = runs[run_id].facts
             sensor = sensor_name(facts.imu_id, run_id)
-            if facts.mount_roll_sd_rad and roll_variable(sensor) not in whole.variables:
-                rows = with_roll_prior(rows, sensor, facts.mount_roll_sd_rad)
+            if facts.mount_roll_sd_rad and roll_variable(sensor) not in known:
+                added[run_id] = with_roll_prior(rows, sensor, facts.mount_roll_sd_rad)
+            known.update(rows.variables)
+        together = replace(self, information={**self.information, **added}, runs={**self.runs, **runs})
+        return replace(together, pooled=together._pooled_with(self.pooled, added))
+
+    def with_weights(self, weights: Mapping[str, Array]) -> Survey:
+        """Return the survey in which each row of a run's information counts by the square of its weight (m,) of it."""
+        weighted = {
+            run_id: RunInformation(rows.variables, weights[run_id][:, None] * rows.R, weights[run_id] * rows.d)
+            for run_id, rows in self.information.items()
+        }
+        return replace(self, pooled=self._pooled_with(_NOTHING, weighted))
+
+    def _pooled_with(self, whole: RunInformation, information: Mapping[str, RunInformation]) -> RunInformation:
+        """Return what is pooled already, with the information of the runs that follow, the variables of one run alone
+        eliminated.
+
+        The first run's offset is kept while no run had a fix, since the survey counts from its start.
+        """
+        order = list(self.runs)
+        anchored = any(self.runs[run_id].facts.anchored for run_id in order[: -len(information)])
+        for run_id, rows in information.items():
+            facts = self.runs[run_id].facts
             anchored = anchored or facts.anchored
             alone = {name for name in (*whole.variables, *rows.variables) if anchored and is_offset(name)}
             alone |= {roll_variable(run_id)} if facts.imu_id is None else set()
-            alone |= {offset_variable(run_id)} if kept else set()
-            whole, kept[run_id] = pooled(whole, rows, alone), rows
-        return replace(self, information=kept, runs={**self.runs, **runs}, pooled=whole)
+            alone |= {offset_variable(run_id)} if run_id != order[0] else set()
+            whole = pooled(whole, rows, alone)
+        return whole
 
 
 @dataclass(frozen=True)
@@ -106,7 +128,7 @@ class Chainages:
     @classmethod
     def of(cls, joint: JointSolution) -> Chainages:
         """Return the anchors of a joint solution in order."""
-        anchors = [name.split("/")[1] for name in joint.names if name.endswith("/chainage_m")]
+        anchors = [name.split("/")[1] for name in joint.names if is_chainage(name)]
         place = {anchor: joint.x[joint.index[chainage_variable(anchor)]] for anchor in anchors}
         return cls(joint, tuple(sorted(anchors, key=lambda anchor: place[anchor])))
 
