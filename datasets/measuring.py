@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Literal, get_args
+from typing import Literal, NamedTuple, get_args
 
 import numpy as np
 import pandas as pd
@@ -67,29 +67,97 @@ def measure(
     ``edges`` (n + 1,) are those of the IMU's intervals. ``name`` is the recording's, ``sensor_id`` the IMU's in its
     mounting.
     """
-    duration_s = float(edges[-1])
-    gyro, accel = inertial_sensor.ideal_samples(ride, edges, plan.latitude_deg, plan.imu.lever_arm_m)
-    errors = (
-        None
-        if streams is None
-        else imu_errors.draw_errors(plan.imu, edges, streams.run["imu"], streams.kept.get("imu"))
+    rows = _SensorRows.of(plan, track, ride, edges, streams)
+    further = rows.further_by_table
+    recording = Recording(
+        description=_description(plan, track, ride, rows, name if streams else f"{name}-noise-free", sensor_id),
+        imu=rows.imu,
+        tach=rows.wheel.table,
+        fixes=rows.fixes,
+        gnss=rows.gnss,
+        lasers=rows.lasers,
+        gnss_origin=rows.gnss_origin,
+        others={table: sensor.table for table, sensor in further.items()},
     )
-    if errors is not None:
+    if streams is not None:
+        recording = _recorded(plan, recording, streams.run["recorders"])
+    scales = {table: sensor.scale for table, sensor in further.items()}
+    return Measurement(recording, rows.errors, rows.wheel.scale, rows.wheel.slips, scales)
+
+
+class _SensorRows(NamedTuple):
+    """The rows of all sensors before recorders stamp them, with the errors of the inertial ones.
+
+    ``further`` are those of the further sensors, by the key of their kind in a description.
+    """
+
+    imu: pd.DataFrame
+    errors: ImuErrors | None
+    wheel: odometer.MeasuredWheel
+    fixes: pd.DataFrame | None
+    gnss: pd.DataFrame | None
+    gnss_origin: Array | None
+    lasers: dict[str, pd.DataFrame]
+    further: dict[str, list[Measured]]
+
+    @classmethod
+    def of(
+        cls, plan: Scenario, track: SimulatedTrack, ride: Ride, edges: Array, streams: Streams | None
+    ) -> _SensorRows:
+        """Measure a ride; ``edges`` (n + 1,), s, are those of the IMU's intervals."""
+        duration_s = float(edges[-1])
+        imu, errors = _inertial(plan, ride, edges, streams)
+        wheel_rngs = (None, None) if streams is None else (streams.run["tach"], streams.kept.get("tach"))
+        laser_rng = None if streams is None else streams.run["lasers"]
+        fixes, gnss = _positions(plan, ride, duration_s, streams)
+        on_earth = gnss is not None and plan.latitude_deg is not None
+        return cls(
+            imu=imu,
+            errors=errors,
+            wheel=odometer.measured_wheel(ride, plan.tach, plan.adhesion, duration_s, *wheel_rngs),
+            fixes=fixes,
+            gnss=gnss,
+            gnss_origin=np.array([plan.latitude_deg, LONGITUDE_DEG, 0.0]) if on_earth else None,
+            lasers=lasers.laser_tables(ride, track, plan.lasers, duration_s, laser_rng),
+            further=_further(plan, ride, duration_s, streams),
+        )
+
+    @property
+    def further_by_table(self) -> dict[str, Measured]:
+        """The further sensors by the names of their tables."""
+        return {
+            format_of(sensor.part).table_name(sensor.part, number): sensor
+            for group in self.further.values()
+            for number, sensor in enumerate(group, start=1)
+        }
+
+    @property
+    def further_parts(self) -> dict[str, object]:
+        """The parts of a description that are the further sensors'."""
+        return {
+            key: tuple(sensor.part for sensor in group) if format_of(group[0].part).several else group[0].part
+            for key, group in self.further.items()
+        }
+
+
+def _inertial(
+    plan: Scenario, ride: Ride, edges: Array, streams: Streams | None
+) -> tuple[pd.DataFrame, ImuErrors | None]:
+    """Return the IMU's table and its errors, None without any."""
+    gyro, accel = inertial_sensor.ideal_samples(ride, edges, plan.latitude_deg, plan.imu.lever_arm_m)
+    errors = None
+    if streams is not None:
+        errors = imu_errors.draw_errors(plan.imu, edges, streams.run["imu"], streams.kept.get("imu"))
         gyro, accel = imu_errors.apply_errors(gyro, accel, errors)
-    wheel_rngs = (None, None) if streams is None else (streams.run["tach"], streams.kept.get("tach"))
-    wheel = odometer.measured_wheel(ride, plan.tach, plan.adhesion, duration_s, *wheel_rngs)
-    fixes, gnss = _positions(plan, ride, duration_s, streams)
-    further = _further(plan, ride, duration_s, streams)
-    laser_rng = None if streams is None else streams.run["lasers"]
-    on_earth = gnss is not None and plan.latitude_deg is not None
-    origin = np.array([plan.latitude_deg, LONGITUDE_DEG, 0.0]) if on_earth else None
-    named = {
-        format_of(sensor.part).table_name(sensor.part, number): sensor
-        for group in further.values()
-        for number, sensor in enumerate(group, start=1)
-    }
+    return tables.imu_table(0.5 * (edges[1:] + edges[:-1]), gyro, accel), errors
+
+
+def _description(
+    plan: Scenario, track: SimulatedTrack, ride: Ride, rows: _SensorRows, name: str, sensor_id: str | None
+) -> RecordingDescription:
+    """Return the recording's description: what its maker would know of it."""
     description = RecordingDescription(
-        id=name if streams else f"{name}-noise-free",
+        id=name,
         track=_track_description(plan, track, ride),
         kilometrage=plan.line.kilometrage if isinstance(plan.line, GivenLine) else None,
         imu=tables.imu_description(
@@ -99,30 +167,12 @@ def measure(
             mount_roll_sd_rad=plan.imu.mount_roll_sd_rad,
             sensor_id=sensor_id,
         ),
-        tach=wheel.description,
-        fixes=None if fixes is None else tables.fixes_description(),
-        gnss=None if plan.gnss is None else tables.gnss_description(origin, plan.gnss.antenna_m),
+        tach=rows.wheel.description,
+        fixes=None if rows.fixes is None else tables.fixes_description(),
+        gnss=None if plan.gnss is None else tables.gnss_description(rows.gnss_origin, plan.gnss.antenna_m),
         laser=tuple(lasers.laser_description(model) for model in plan.lasers),
     )
-    parts = {
-        key: tuple(sensor.part for sensor in group) if format_of(group[0].part).several else group[0].part
-        for key, group in further.items()
-    }
-    recording = Recording(
-        description=description.model_copy(update=parts),
-        imu=tables.imu_table(0.5 * (edges[1:] + edges[:-1]), gyro, accel),
-        tach=wheel.table,
-        fixes=fixes,
-        gnss=gnss,
-        lasers=lasers.laser_tables(ride, track, plan.lasers, duration_s, laser_rng),
-        gnss_origin=origin,
-        others={name: sensor.table for name, sensor in named.items()},
-    )
-    if streams is not None:
-        recording = _recorded(plan, recording, streams.run["recorders"])
-    return Measurement(
-        recording, errors, wheel.scale, wheel.slips, {name: sensor.scale for name, sensor in named.items()}
-    )
+    return description.model_copy(update=rows.further_parts)
 
 
 def _positions(

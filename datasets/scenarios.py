@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -161,10 +161,7 @@ def simulate(
     """
     plan = (scenario(scenario_name) if isinstance(scenario_name, str) else scenario_name).planned()
     duration = plan.duration_s if duration_s is None else duration_s
-    if not SHORTEST_S <= duration <= LONGEST_S:
-        raise BadInputError(f"duration_s {duration}: expected {SHORTEST_S} s or more, and at most {LONGEST_S:g} s")
-    if run < 0:
-        raise BadInputError(f"run {run}: expected 0 or more")
+    _refuse_impossible(duration, run)
     vehicle = run // plan.runs_per_vehicle
     draws = _Draws.of(seed, run, vehicle, keeps=plan.runs_per_vehicle > 1)
 
@@ -194,17 +191,15 @@ def simulate(
     )
     recording = measured.recording
     if noise:
-        for effect, rng in zip(plan.effects, _streams(seed, (3, run), len(plan.effects)), strict=True):
-            recording = effect.recorded(recording, ride, rng)
+        recording = _with_effects(plan, recording, ride, _streams(seed, (3, run), len(plan.effects)))
     begin("truth")
-    t, motion = tables.clock(duration, truth_rate_hz), ride.motion
-    s = motion.distance(np.append(motion.breaks_s[motion.breaks_s < duration], duration))
+    t = tables.clock(duration, truth_rate_hz)
     simulation = Simulation(
         recording=recording,
         truth=_truth(ride, t, odometer.worn_scale(ride, plan.tach, measured.wheel_scale, t), edges, measured.errors),
         track=track,
         ride=ride,
-        stretch_m=(float(s.min()), float(s.max())),
+        stretch_m=_stretch_m(ride.motion, duration),
         wheel_scale=measured.wheel_scale,
         tach_time_offset_s=_tach_time_offset_s(plan) if noise else 0.0,
         mount_rpy_rad=(0.0, 0.0, 0.0) if measured.errors is None else measured.errors.mount_rpy_rad,
@@ -234,6 +229,27 @@ class _Draws(NamedTuple):
             kept = _streams(seed, (2, vehicle), len(get_args(Kept)))
             streams = replace(streams, kept=dict(zip(get_args(Kept), kept, strict=True)))
         return cls(line, irregularities, flange, driver, streams)
+
+
+def _refuse_impossible(duration_s: float, run: int) -> None:
+    if not SHORTEST_S <= duration_s <= LONGEST_S:
+        raise BadInputError(f"duration_s {duration_s}: expected {SHORTEST_S} s or more, and at most {LONGEST_S:g} s")
+    if run < 0:
+        raise BadInputError(f"run {run}: expected 0 or more")
+
+
+def _with_effects(
+    plan: Scenario, recording: Recording, ride: Ride, streams: Sequence[np.random.Generator]
+) -> Recording:
+    for effect, rng in zip(plan.effects, streams, strict=True):
+        recording = effect.recorded(recording, ride, rng)
+    return recording
+
+
+def _stretch_m(motion: DrivenMotion, duration_s: float) -> tuple[float, float]:
+    """Return from where to where a run of that duration goes, m: it turns round at breaks of its motion alone."""
+    s = motion.distance(np.append(motion.breaks_s[motion.breaks_s < duration_s], duration_s))
+    return float(s.min()), float(s.max())
 
 
 def _ridden(

@@ -49,14 +49,8 @@ def summary_of(
     clocks_s = clock_prior.residual(solution.states)[0] + [correction.clock_s, 0.0, gnss_moved_s]
     clock_sds = np.sqrt(np.diagonal(covariance.of(Kind.CLOCK)[0]))
     positions, has_tach, factor = problem.family(FactorType.GNSS_POSITION), problem.wheel is not None, correction.factor
-
     speeds_offset, speeds_clock = _receiver_speeds(smoothed, gnss_moved_s)
     scalar = partial(_scalar, solution)
-
-    def bias(name: str) -> VectorEstimate:
-        columns = [name.format(axis=axis) for axis in "xyz"]
-        return _vector(solution, last[columns].tolist(), last[[f"{column}_sd" for column in columns]].tolist())
-
     return Summary(
         recording_id=recording.description.id,
         run=_run_facts(recording, smoothed.located, anchored=anchored),
@@ -64,13 +58,7 @@ def summary_of(
         line=None if smoothed.on_line is None else smoothed.on_line.use,
         settings=settings.model_dump(mode="json"),
         configuration=smoothed.config.model_dump(mode="json"),
-        solver=Solver(
-            converged=solution.converged,
-            reason=solution.reason,
-            iterations=solution.iterations,
-            cost=solution.cost,
-            degrees_of_freedom=solution.degrees_of_freedom,
-        ),
+        solver=_solver(solution),
         timings_s=smoothed.timings_s,
         duration_s=float(problem.t[-1] - problem.t[0]),
         distance_m=path_m if np.isfinite(widening(smoothed.verdicts, "chainage")) else None,
@@ -83,18 +71,33 @@ def summary_of(
         gnss_speed_offset_mps=speeds_offset,
         gnss_speed_clock_offset_s=speeds_clock,
         mounting=_mounting(solution, covariance),
-        gyro_bias_radps=bias("gyro_bias_{axis}_radps"),
-        accel_bias_mps2=bias("accel_bias_{axis}_mps2"),
+        gyro_bias_radps=_bias(smoothed, "gyro_bias_{axis}_radps"),
+        accel_bias_mps2=_bias(smoothed, "accel_bias_{axis}_mps2"),
         geometry=problem.run.conventions,
-        findings=(
-            *recording.findings,
-            *_solver_findings(solution),
-            *noise_findings(smoothed.noise_ratios),
-            *smoothed.findings,
-            *(() if smoothed.located is None else smoothed.located.findings),
-            *(() if smoothed.on_line is None else smoothed.on_line.findings),
-        ),
+        findings=_findings(recording, smoothed),
         verdicts=smoothed.verdicts,
+    )
+
+
+def _solver(solution: Solution) -> Solver:
+    return Solver(
+        converged=solution.converged,
+        reason=solution.reason,
+        iterations=solution.iterations,
+        cost=solution.cost,
+        degrees_of_freedom=solution.degrees_of_freedom,
+    )
+
+
+def _findings(recording: Recording, smoothed: SmoothedStates) -> tuple[Finding, ...]:
+    """Return the findings of reading and checking, of the solution, and of a map and a known line."""
+    return (
+        *recording.findings,
+        *_solver_findings(smoothed.solution),
+        *noise_findings(smoothed.noise_ratios),
+        *smoothed.findings,
+        *(() if smoothed.located is None else smoothed.located.findings),
+        *(() if smoothed.on_line is None else smoothed.on_line.findings),
     )
 
 
@@ -127,6 +130,13 @@ def _scalar(solution: Solution, value: float, sd: float) -> Estimate:
 def _vector(solution: Solution, values: Sequence[float], sd: Sequence[float]) -> VectorEstimate:
     x, y, z = values
     return VectorEstimate(value=(x, y, z), sd=(sd[0], sd[1], sd[2]) if solution.converged else None)
+
+
+def _bias(smoothed: SmoothedStates, columns: str) -> VectorEstimate:
+    """Return the bias at the end of the run; ``columns`` are those of the calibration, with ``{axis}`` in the name."""
+    names = [columns.format(axis=axis) for axis in "xyz"]
+    last = smoothed.final_calibration
+    return _vector(smoothed.solution, last[names].tolist(), last[[f"{name}_sd" for name in names]].tolist())
 
 
 def _mounting(solution: Solution, covariance: Covariance) -> Mounting:
