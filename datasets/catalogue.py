@@ -16,9 +16,8 @@ from trackfg.datasets.effects.mounting import LeverArm, SpringRoll, Tilt
 from trackfg.datasets.effects.positions import Canyon, LateGnss, WrongFixes
 from trackfg.datasets.effects.vibration import Idling, Rectification, Saturation, Vibration
 from trackfg.datasets.effects.wheel import CurveRolling, LateTach, MiscountedPulses, WeakCreep
+from trackfg.datasets.line.built_in_lines import GOOD_TRACK, HIGH_SPEED_LINE, MAIN_LINE, WORN_TRACK, YARD
 from trackfg.datasets.line.defects import Defect
-from trackfg.datasets.line.irregularities import IrregularityModel
-from trackfg.datasets.line.line_design import LineDesign
 from trackfg.datasets.scenario import Recorder, Scenario
 from trackfg.datasets.sensors.clocks import ClockModel, DropModel
 from trackfg.datasets.sensors.further_axle import FurtherAxle
@@ -63,69 +62,6 @@ def scenario(name: str) -> Scenario:
     return catalogue[name]
 
 
-MAIN_LINE = LineDesign(
-    gauge_m=1.067,
-    cross_level_base_m=1.067,
-    line_speed_mps=120 * KMH,
-    radius_m=(300.0, 1200.0),
-    straight_m=(150.0, 1200.0),
-    circle_m=(80.0, 500.0),
-    max_turn_rad=1.0,
-    cant_max_m=0.105,
-    deficiency_max_m=0.070,
-    usual_deficiency_m=0.030,
-    transition_min_m=30.0,
-    max_gradient=0.025,
-    station_gradient=0.005,
-    gradient_length_m=(350.0, 1200.0),
-    vertical_radius_m=(3000.0, 6000.0),
-    station_spacing_m=4000.0,
-)
-
-HIGH_SPEED_LINE = replace(
-    MAIN_LINE,
-    gauge_m=1.435,
-    cross_level_base_m=1.5,
-    radius_m=(400.0, 1000.0),
-    straight_m=(80.0, 250.0),
-    circle_m=(100.0, 300.0),
-    cant_max_m=0.180,
-    deficiency_max_m=0.090,
-    transition_min_m=50.0,
-    max_gradient=0.015,
-    vertical_radius_m=(10_000.0, 15_000.0),
-)
-
-GOOD_TRACK = IrregularityModel(
-    level_d1_sd_m=1.0e-3, alignment_d1_sd_m=0.8e-3, cross_level_d1_sd_m=0.8e-3, gauge_d1_sd_m=0.5e-3
-)
-
-WORN_TRACK = IrregularityModel(
-    shape="high", level_d1_sd_m=1.8e-3, alignment_d1_sd_m=1.4e-3, cross_level_d1_sd_m=1.4e-3, gauge_d1_sd_m=0.8e-3
-)
-
-YARD = replace(
-    MAIN_LINE,
-    line_speed_mps=25 * KMH,
-    radius_m=(160.0, 400.0),
-    straight_m=(40.0, 200.0),
-    circle_m=(40.0, 120.0),
-    cant_max_m=0.060,
-    max_gradient=0.005,
-)
-NARROW_YARD = replace(
-    YARD,
-    radius_m=(30.0, 200.0),
-    straight_m=(20.0, 150.0),
-    circle_m=(20.0, 80.0),
-    max_turn_rad=2.0,
-    transition_min_m=10.0,
-    cant_max_m=0.0,
-    max_gradient=0.05,
-)
-"""Curves and grades of a tramway's depot, without cant. No scenario has it: low-cost sensors are tried on it."""
-
-
 _SERVICE = Service(
     limits=Limits(acceleration_mps2=0.7, jerk_mps3=0.5),
     fastest_mps=MAIN_LINE.line_speed_mps,
@@ -143,7 +79,36 @@ def _named(name: str) -> dict[str, Any]:
 
 
 def _all() -> list[Scenario]:
-    mainline = Scenario(
+    mainline = _mainline()
+    return [
+        mainline,
+        replace(
+            mainline,
+            **_named("mainline-gnss"),
+            gnss=GnssModel(sd_m=(1.0, 1.0, 2.0), antenna_m=(2.0, 0.0, 3.0)),
+            latitude_deg=35.2,
+        ),
+        _in_the_field(mainline),
+        _trolley(),
+        *_shunting(),
+        _axle_box(),
+        *_measuring_cars(),
+        *_slippery_lines(),
+        _shuttle(),
+        _rough_ride(mainline),
+        replace(mainline, **_named("parked"), duration_s=600.0, driver=Parked(place_m=50.0)),
+        replace(
+            mainline,
+            **_named("no-stop"),
+            duration_s=1200.0,
+            driver=Wandering(limits=_SERVICE.limits, speed_mps=(40 * KMH, 75 * KMH), hold_s=(20.0, 90.0), start_m=50.0),
+        ),
+    ]
+
+
+def _mainline() -> Scenario:
+    """Return the scenario of a local train on the main line, from which others differ by a part."""
+    return Scenario(
         **_named("mainline"),
         duration_s=3600.0,
         line=MAIN_LINE,
@@ -153,7 +118,34 @@ def _all() -> list[Scenario]:
         irregularities=GOOD_TRACK,
         balises=BaliseModel(spacing_m=5000.0, sd_m=0.3),
     )
-    shunting = Scenario(
+
+
+def _trolley() -> Scenario:
+    """Return the scenario of a pushed trolley, whose tach is on a small measuring wheel."""
+    return Scenario(
+        **_named("trolley"),
+        duration_s=1200.0,
+        line=HIGH_SPEED_LINE,
+        driver=Wandering(
+            limits=Limits(acceleration_mps2=0.3, jerk_mps3=0.3),
+            speed_mps=(0.82, 1.02),
+            hold_s=(5.0, 30.0),
+            start_rest_s=60.0,
+            start_m=5.0,
+        ),
+        imu=ADIS16480.imu(200.0),
+        tach=TachModel(pulses_per_rev=1000.0, wheel_diameter_m=0.2, scale_sd=0.003),
+        irregularities=GOOD_TRACK,
+        vehicle=Rigid(wheelbase_m=0.5),
+        balises=BaliseModel(spacing_m=200.0, sd_m=0.05),
+    )
+
+
+def _shunting() -> list[Scenario]:
+    """Return scenarios of an engine that goes to and fro in a yard, with a tach that knows the direction and one that
+    does not.
+    """
+    signed = Scenario(
         **_named("shunting"),
         duration_s=600.0,
         line=YARD,
@@ -171,47 +163,7 @@ def _all() -> list[Scenario]:
         irregularities=WORN_TRACK,
         balises=BaliseModel(spacing_m=200.0, sd_m=0.3),
     )
-    return [
-        mainline,
-        replace(
-            mainline,
-            **_named("mainline-gnss"),
-            gnss=GnssModel(sd_m=(1.0, 1.0, 2.0), antenna_m=(2.0, 0.0, 3.0)),
-            latitude_deg=35.2,
-        ),
-        _in_the_field(mainline),
-        Scenario(
-            **_named("trolley"),
-            duration_s=1200.0,
-            line=HIGH_SPEED_LINE,
-            driver=Wandering(
-                limits=Limits(acceleration_mps2=0.3, jerk_mps3=0.3),
-                speed_mps=(0.82, 1.02),
-                hold_s=(5.0, 30.0),
-                start_rest_s=60.0,
-                start_m=5.0,
-            ),
-            imu=ADIS16480.imu(200.0),
-            tach=TachModel(pulses_per_rev=1000.0, wheel_diameter_m=0.2, scale_sd=0.003),
-            irregularities=GOOD_TRACK,
-            vehicle=Rigid(wheelbase_m=0.5),
-            balises=BaliseModel(spacing_m=200.0, sd_m=0.05),
-        ),
-        shunting,
-        replace(shunting, **_named("shunting-unsigned"), tach=replace(shunting.tach, signed=False)),
-        _axle_box(),
-        *_measuring_cars(),
-        *_slippery_lines(),
-        _shuttle(),
-        _rough_ride(mainline),
-        replace(mainline, **_named("parked"), duration_s=600.0, driver=Parked(place_m=50.0)),
-        replace(
-            mainline,
-            **_named("no-stop"),
-            duration_s=1200.0,
-            driver=Wandering(limits=_SERVICE.limits, speed_mps=(40 * KMH, 75 * KMH), hold_s=(20.0, 90.0), start_m=50.0),
-        ),
-    ]
+    return [signed, replace(signed, **_named("shunting-unsigned"), tach=replace(signed.tach, signed=False))]
 
 
 def _in_the_field(mainline: Scenario) -> Scenario:

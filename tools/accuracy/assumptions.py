@@ -34,7 +34,8 @@ from accuracy.curves import (
 )
 from trackfg.config import SmoothConfig
 from trackfg.curves import find_curves
-from trackfg.datasets.catalogue import MAIN_LINE, scenario
+from trackfg.datasets.catalogue import scenario
+from trackfg.datasets.line.built_in_lines import MAIN_LINE
 from trackfg.datasets.line.line_design import random_line
 from trackfg.datasets.scenarios import Simulation, simulate
 from trackfg.datasets.vehicle.vehicle import CarBody

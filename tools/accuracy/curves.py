@@ -22,8 +22,8 @@ from rich.console import Console
 from rich.table import Table
 
 from trackfg.curves import QUANTITIES, Curve, find_curves
-from trackfg.datasets.catalogue import GOOD_TRACK, MAIN_LINE, WORN_TRACK
 from trackfg.datasets.line.alignment import Element, piecewise
+from trackfg.datasets.line.built_in_lines import GOOD_TRACK, MAIN_LINE, WORN_TRACK
 from trackfg.datasets.line.irregularities import IrregularityModel, draw_irregularities
 from trackfg.datasets.line.line import Line, piecewise_linear
 from trackfg.datasets.line.line_design import random_line

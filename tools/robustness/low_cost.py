@@ -6,11 +6,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from trackfg.datasets.catalogue import NARROW_YARD, scenario
+from trackfg.datasets.catalogue import scenario
 from trackfg.datasets.effects.inertial import LowCost
 from trackfg.datasets.effects.mounting import Tilt
 from trackfg.datasets.effects.vibration import Idling, Vibration
 from trackfg.datasets.effects.wheel import CoarsePulses, LateTach, NoisySpeed, WholeKmh
+from trackfg.datasets.line.built_in_lines import NARROW_YARD
 from trackfg.datasets.scenario import Effect, Scenario
 from trackfg.datasets.scenarios import Simulation, simulate
 from trackfg.datasets.sensors.imu_errors import ImuModel

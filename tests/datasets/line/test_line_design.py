@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from trackfg.datasets.catalogue import MAIN_LINE
+from trackfg.datasets.line.built_in_lines import MAIN_LINE
 from trackfg.datasets.line.line_design import curve_cant, curve_speed, random_line
 from trackfg.numerics import units
 

@@ -16,9 +16,10 @@ from trackfg.checks.contradictions.all_contradictions import diagnose
 from trackfg.checks.diagnosis_silence import is_moving
 from trackfg.checks.diagnosis_wheel import receiver_speed_scale
 from trackfg.checks.limits import CheckLimits
-from trackfg.datasets.catalogue import NARROW_YARD, scenario, scenarios
+from trackfg.datasets.catalogue import scenario, scenarios
 from trackfg.datasets.effects.inertial import LowCost
 from trackfg.datasets.effects.mounting import Tilt
+from trackfg.datasets.line.built_in_lines import NARROW_YARD
 from trackfg.datasets.scenarios import simulate
 from trackfg.datasets.sensors.positioning import BaliseModel
 from trackfg.datasets.sensors.receiver_speeds import ReceiverSpeeds

@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 
 from trackfg.curves import POINTS, Curve, find_curves
-from trackfg.datasets.catalogue import GOOD_TRACK, MAIN_LINE
+from trackfg.datasets.line.built_in_lines import GOOD_TRACK, MAIN_LINE
 from trackfg.datasets.line.defects import Defect
 from trackfg.datasets.line.irregularities import draw_irregularities
 from trackfg.datasets.line.line import Line

@@ -10,7 +10,7 @@ import pytest
 
 import trackfg
 from trackfg.curves import CURVE_COLUMNS, POINTS, QUANTITIES, Curve, curve_table, find_curves
-from trackfg.datasets.catalogue import GOOD_TRACK, MAIN_LINE, WORN_TRACK
+from trackfg.datasets.line.built_in_lines import GOOD_TRACK, MAIN_LINE, WORN_TRACK
 from trackfg.datasets.line.irregularities import Irregularities, IrregularityModel, draw_irregularities
 from trackfg.datasets.line.line import Line
 from trackfg.datasets.line.line_description import LineDescription, line_from

@@ -10,10 +10,11 @@ import pytest
 
 from trackfg.config import SmoothConfig
 from trackfg.datasets import slip_wheel
-from trackfg.datasets.catalogue import YARD, scenario
+from trackfg.datasets.catalogue import scenario
 from trackfg.datasets.effects.inertial import LowCost
 from trackfg.datasets.effects.mounting import Tilt
 from trackfg.datasets.effects.vibration import Vibration
+from trackfg.datasets.line.built_in_lines import YARD
 from trackfg.datasets.scenarios import Simulation, simulate
 from trackfg.datasets.vehicle.adhesion import WheelSlip
 from trackfg.graph.wheel_slip import Rolling, rolling

@@ -15,9 +15,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from trackfg.datasets.catalogue import BaliseModel
 from trackfg.datasets.line.defects import Defect
 from trackfg.datasets.scenarios import scenario, simulate
+from trackfg.datasets.sensors.positioning import BaliseModel
 from trackfg.errors import BadInputError
 from trackfg.geometry.twist import twist
 from trackfg.mapping import build_map
