@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import re
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -28,6 +29,14 @@ FOLDERS = sorted(
 
 def test_the_root_holds_what_every_package_uses() -> None:
     assert {path.name for path in (ROOT / "trackfg").glob("*.py")} == ROOT_MODULES
+
+
+def test_every_package_is_installed() -> None:
+    setuptools = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["setuptools"]
+    homes = {home: name for name, home in setuptools["package-dir"].items()}
+    with_code = [folder.relative_to(ROOT) for folder in FOLDERS if list(folder.glob("*.py"))]
+    names = {".".join((homes[path.parts[0]], *path.parts[1:])) for path in with_code}
+    assert names == set(setuptools["packages"]) - {"trackfg.report.template"}
 
 
 @pytest.mark.parametrize("folder", FOLDERS, ids=lambda folder: str(folder.relative_to(ROOT)))
