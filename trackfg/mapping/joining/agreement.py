@@ -36,7 +36,8 @@ _DEGREES = (50.0, 20.0, 10.0, 6.0, 4.0, 3.0, 2.0)
 """Degrees of freedom of Student's distribution that are tried: each has tails about half as heavy again as the one
 before."""
 _SIGMAS = 3.0
-"""Runs are not taken to disagree unless chance would make them do so as seldom as a normal variable exceeds this."""
+"""Runs are not taken to disagree unless chance would make any of them do so as seldom as a normal variable exceeds
+this."""
 _FAR_OFF = 2.0
 """A user is told of a run whose sigmas are this many times too small."""
 _LEAST_REDUNDANCY = 1e-3
@@ -113,12 +114,12 @@ class _Residuals(NamedTuple):
         fitted = np.sum((J @ joint.covariance[np.ix_(shared, shared)]) * J, axis=1) + np.sum(basis**2, axis=1)
         return cls(e[:m] / weights[:m], fitted[:m] / weights[:m] ** 2, np.clip(1.0 - fitted[:m], 0.0, 1.0))
 
-    def scale(self, degrees: float) -> float:
-        """Return s for so many degrees of freedom."""
+    def scale(self, degrees: float, runs: int) -> float:
+        """Return s for so many degrees of freedom: 1 where one of so many runs would have such residuals by chance."""
         checked = self.redundancy > _LEAST_REDUNDANCY
         free = float(self.redundancy.sum())
         squares = self.error[checked] ** 2
-        if not exceeds_chance(squares.sum() / max(free, _LEAST_REDUNDANCY), free, float(ndtr(-_SIGMAS))):
+        if not exceeds_chance(squares.sum() / max(free, _LEAST_REDUNDANCY), free, float(ndtr(-_SIGMAS)) / runs):
             return 1.0
         scale = 1.0
         for _ in range(_ROUNDS):
@@ -149,7 +150,7 @@ def _agreement(residuals: Mapping[str, _Residuals]) -> Agreement:
     """Return how well runs agree, of the largest likelihood."""
     candidates = []
     for degrees in (np.inf, *_DEGREES):
-        scales = {run_id: of_run.scale(degrees) for run_id, of_run in residuals.items()}
+        scales = {run_id: of_run.scale(degrees, len(residuals)) for run_id, of_run in residuals.items()}
         likelihood = sum(of_run.likelihood(degrees, scales[run_id]) for run_id, of_run in residuals.items())
         candidates.append((likelihood, Agreement(degrees, scales)))
     likelihood, normal = candidates[0]
