@@ -6,10 +6,8 @@ command needs is imported when it runs, so that ``--help`` and ``--version`` ans
 
 from __future__ import annotations
 
-import os
 import tomllib
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
@@ -22,29 +20,22 @@ from trackfg import __version__
 from trackfg.cli.balises import balises
 from trackfg.cli.batch import batch
 from trackfg.cli.browse.command import browse
+from trackfg.cli.comparing import baseline, compare, estimators
 from trackfg.cli.exits import exit_statuses
 from trackfg.cli.exporting import export
 from trackfg.cli.importing.commands import import_recording, init
 from trackfg.cli.mapping.maps import maps
 from trackfg.cli.options import (
-    LIMITS_HELP,
     Commands,
     Json,
-    Km,
-    Level,
-    Limits,
-    LineSpeed,
     Quiet,
-    ResultFolder,
-    TableFile,
-    limit_choice,
+    RecordingFolder,
     newest_map,
-    out_file,
-    refuse_inside,
     with_options,
 )
 from trackfg.cli.overlay import overlay
 from trackfg.cli.plotting import plot
+from trackfg.cli.reporting import limits, report
 from trackfg.cli.sensors.noise import noise
 from trackfg.cli.smoothing.options import SmoothOptions
 from trackfg.cli.smoothing.settings import config
@@ -60,18 +51,14 @@ from trackfg.cli.terminal import (
     progress_bar,
     set_quiet,
     show,
-    show_unless_written,
     titled,
-    working,
 )
 from trackfg.errors import BadInputError
-from trackfg.files.atomic_folder import beside
 
 if TYPE_CHECKING:
     from trackfg.results.result import Result
 
 app = Commands()
-RecordingFolder = Annotated[Path, typer.Argument(metavar="REC", help="Folder of the recording.")]
 _NOT_TO_BE_TRUSTED = 3
 """Exit status of a command that wrote what is not to be trusted."""
 
@@ -255,171 +242,6 @@ def smooth(options: SmoothOptions) -> None:
         raise typer.Exit(_NOT_TO_BE_TRUSTED)
 
 
-@app.command(example="trackfg baseline complementary run1 -o out1-complementary", loads="trackfg.comparison.estimators")
-def baseline(
-    name: Annotated[str, typer.Argument(metavar="NAME", help="One of `trackfg estimators`.")],
-    recording: RecordingFolder,
-    out: Annotated[Path, typer.Option("-o", "--out", metavar="OUT", help="Folder for its tables.")],
-    as_printed: Annotated[
-        bool, typer.Option("--as-printed", help="With the equations as the paper prints them, errors included.")
-    ] = False,
-) -> None:
-    """Run one published system on a recording: trajectory, geometry and events, as far as it knows them."""
-    from trackfg.comparison.estimators import estimator, refuse_foreign
-    from trackfg.io.reader import read_recording
-
-    run = estimator(name, as_printed=as_printed)
-    refuse_foreign(out)
-    with working(name):
-        run(read_recording(recording)).write(out)
-    print_unless_quiet(f"result: {out}")
-
-
-@app.command(example="trackfg estimators", loads="trackfg.comparison.estimators")
-def estimators() -> None:
-    """List the smoother, the published systems, and other packages where they are installed."""
-    from trackfg.cli import tables
-    from trackfg.comparison.estimators import estimators as all_estimators
-
-    show(tables.estimators(all_estimators()))
-
-
-@dataclass(frozen=True)
-class CompareOptions:
-    """The options of ``trackfg compare``."""
-
-    out: Annotated[Path, typer.Option("-o", "--out", metavar="OUT", help="Folder for the comparison.")]
-    recordings: Annotated[list[Path] | None, typer.Argument(metavar="REC", help="Folders of recordings.")] = None
-    scenarios: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--scenario",
-            metavar="NAME",
-            help="A scenario to simulate, or j-turn; may be given again. A standard set if there is no REC either.",
-        ),
-    ] = None
-    seeds: Annotated[int, typer.Option(metavar="N", min=1, help="Runs of each scenario.")] = 3
-    duration: Annotated[float | None, typer.Option(metavar="S", help="Length of every simulated run, s.")] = None
-    jobs: Annotated[int | None, typer.Option(metavar="N", min=1, help="Processes. As many as cores if absent.")] = None
-    peers: Annotated[
-        bool, typer.Option("--peers", help="Run other packages too, where they are installed: some are slow.")
-    ] = False
-    json: Json = False
-
-
-@app.command(example="trackfg compare run1 -o comparison", loads="trackfg.comparison.run")
-@with_options(CompareOptions)
-def compare(options: CompareOptions) -> None:
-    """Run every applicable estimator on recordings or built-in scenarios, and score them by one code.
-
-    Against the truth where there is one; recordings without are held against the first of them. Of a single one, a part
-    of the fixes, GNSS positions or tachometer rows is withheld at a time, and predicted. An earlier comparison in OUT
-    is replaced in one step.
-    """
-    from trackfg.cli import comparison_tables
-    from trackfg.comparison.run import cases_of
-    from trackfg.comparison.run import compare as run_comparison
-    from trackfg.comparison.table import COMPARISON_FOLDER
-
-    COMPARISON_FOLDER.refuse_foreign(options.out)
-    cases = cases_of(
-        options.recordings or (), options.scenarios or (), seeds=options.seeds, duration_s=options.duration
-    )
-    withheld = sum(case.kind == "withheld" for case in cases)
-    if withheld:
-        runs = f"every estimator runs {withheld + 1} times, with a part of the measurements withheld"
-        note(f"trackfg: note: no truth: {runs}")
-    with progress_bar() as progress:
-        result = run_comparison(cases, peers=options.peers, jobs=options.jobs or os.cpu_count() or 1, progress=progress)
-    result.write(options.out)
-    if options.json:
-        print(result.about.model_dump_json(indent=2))
-        return
-    print_unless_quiet(*comparison_tables.of_comparison(result.about), f"comparison: {options.out}")
-    next_step(command("report", options.out))
-
-
-app.command(example="trackfg plot out1 --from 12000 --to 14000 -o chart.html", loads="trackfg.plots.strip_chart")(plot)
-
-
-@app.command(
-    example="trackfg limits out1 --limits cfr-213-class-4 -o exceedances.csv",
-    loads="trackfg.report.track_limits",
-)
-def limits(
-    result: ResultFolder,
-    source: Annotated[str, typer.Option("--limits", metavar="FILE|NAME", help=LIMITS_HELP)],
-    level: Level = None,
-    line_speed: LineSpeed = None,
-    out: TableFile = None,
-    km: Km = None,
-    json: Json = False,
-) -> None:
-    """List where the track geometry of a result exceeds limits: place, length, peak and sigma of each exceedance.
-
-    Limits that the geometry does not suffice for are listed with the reason.
-    """
-    from trackfg.cli import limit_tables
-    from trackfg.cli.tables import warn_of_doubt
-    from trackfg.geometry.limits import LimitChoice
-    from trackfg.report.track_limits import judge, write_exceedances
-    from trackfg.results.result import Result
-
-    if out is not None:
-        refuse_inside(result, out)
-    chosen = LimitChoice(source, level).table()
-    with working("limits"):
-        content = Result.read(result)
-        judgement = judge(content, chosen, line_speed, km=km)
-    warn_of_doubt(content, result)
-    if out is not None:
-        write_exceedances(judgement, out)
-    if json:
-        print(limit_tables.judgement_json(judgement))
-        return
-    show_unless_written(*limit_tables.of_judgement(judgement), written=None if out is None else f"exceedances: {out}")
-
-
-@dataclass(frozen=True)
-class ReportOptions:
-    """Options of a page: its subject, and what it shows besides."""
-
-    folder: Annotated[Path, typer.Argument(metavar="OUT", help="Folder of a result, a comparison or trends.")]
-    out: Annotated[Path | None, out_file("Page: .html. OUT.html if absent.")] = None
-    recording: Annotated[
-        Path | None, typer.Option(metavar="REC", help="The recording of the result, to show its truth and the errors.")
-    ] = None
-    limits: Limits = None
-    level: Level = None
-    line_speed: LineSpeed = None
-    km: Km = None
-    background: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE", help="Lines and stations behind the map: GeoJSON, .gpkg, .shp, .kml, .gpx."),
-    ] = None
-
-
-@app.command(example="trackfg report out1 --recording run1 --limits cfr-213-class-4", loads="trackfg.report")
-@with_options(ReportOptions)
-def report(asked: ReportOptions) -> None:
-    """Write one self-contained page about a result, a comparison or trends, opened in a browser without a network."""
-    from trackfg.report import write_report
-    from trackfg.report.truth import is_without_truth
-
-    with working("page"):
-        page = write_report(
-            asked.folder,
-            asked.out or beside(asked.folder, ".html"),
-            recording=asked.recording,
-            limits=limit_choice(asked.limits, asked.level, asked.line_speed),
-            km=asked.km,
-            background=asked.background,
-        )
-    if asked.recording is not None and is_without_truth(asked.recording):
-        note(f"trackfg: note: {asked.recording}: has no [truth]: the page shows no errors")
-    print_unless_quiet(f"report: {page}")
-
-
 def _warn_unless_converged(result: Result) -> None:
     if not result.summary.converged:
         complain(f"trackfg: warning: not converged: {result.summary.reason}")
@@ -432,6 +254,17 @@ def _warn_unless_located(result: Result) -> None:
             complain(f"trackfg: warning: {finding.message}{hint}")
 
 
+app.command(example="trackfg baseline complementary run1 -o out1-complementary", loads="trackfg.comparison.estimators")(
+    baseline
+)
+app.command(example="trackfg estimators", loads="trackfg.comparison.estimators")(estimators)
+app.command(example="trackfg compare run1 -o comparison", loads="trackfg.comparison.run")(compare)
+app.command(example="trackfg plot out1 --from 12000 --to 14000 -o chart.html", loads="trackfg.plots.strip_chart")(plot)
+app.command(
+    example="trackfg limits out1 --limits cfr-213-class-4 -o exceedances.csv",
+    loads="trackfg.report.track_limits",
+)(limits)
+app.command(example="trackfg report out1 --recording run1 --limits cfr-213-class-4", loads="trackfg.report")(report)
 app.command(
     "import",
     example="trackfg import log.csv -o run1 --mapping log.mapping.toml",

@@ -39,6 +39,7 @@ Quiet = Annotated[
 ]
 Json = Annotated[bool, typer.Option("--json", help="Print JSON instead of tables.")]
 
+RecordingFolder = Annotated[Path, typer.Argument(metavar="REC", help="Folder of the recording.")]
 ResultFolder = Annotated[Path, typer.Argument(metavar="OUT", help="Folder of the result.")]
 Config = Annotated[Path | None, typer.Option(metavar="C.toml", help="Settings other than the defaults.")]
 LIMITS_HELP = "A table of limits (.toml), or cfr-213 (49 CFR 213), or one class of it: cfr-213-class-4."
