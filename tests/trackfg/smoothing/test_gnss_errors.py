@@ -13,7 +13,8 @@ from trackfg.datasets.scenarios import scenario, simulate
 from trackfg.factors.factor_type import FactorType
 from trackfg.numerics.arrays import Array
 from trackfg.results.result import Result
-from trackfg.smoothing.gnss_errors import errors_seen, gnss_errors, have_grown
+from trackfg.smoothing.gnss_errors import gnss_errors
+from trackfg.smoothing.lasting_errors import errors_seen, have_grown
 from trackfg.smoothing.smoother import SmoothedStates, smooth
 
 

@@ -2,9 +2,10 @@
 
 A receiver's errors last: in a street canyon it is off by 5-10 m for tens of seconds where it declares 2 m, and
 positions that share an error count once. The record holds each position's residual after its keyframe's estimate, and
-at each relinearisation pass the batch's own judgement of level and correlation (:mod:`trackfg.smoothing.gnss_errors`)
-says by what factor the declared sigmas are too small: of the positions in the window each its own, of those to come
-that of the newest one. A stream only widens them: what it has marginalised it cannot doubt any more.
+at each relinearisation pass the batch's own judgement of level and correlation
+(:mod:`trackfg.smoothing.lasting_errors`) says by what factor the declared sigmas are too small: of the positions in the
+window each its own, of those to come that of the newest one. A stream only widens them: what it has marginalised it
+cannot doubt any more.
 
 Residuals of positions are those of wheel and inertial sensor where these err by more than is assumed of them. So GNSS
 is not judged, and what was learnt is forgotten, while another group of residuals is further beyond its sigmas
@@ -30,16 +31,8 @@ from trackfg.factors.family import Family, changed, family_of
 from trackfg.factors.loss import Huber
 from trackfg.numerics.arrays import Array
 from trackfg.results.events import Event, doubt_event
-from trackfg.smoothing.gnss_errors import (
-    FEWEST,
-    LONGEST_S,
-    SharedError,
-    errors_seen,
-    have_changed,
-    have_grown,
-    shared_error,
-    without_outliers,
-)
+from trackfg.smoothing.gnss_errors import FEWEST, SharedError, shared_error
+from trackfg.smoothing.lasting_errors import LONGEST_S, errors_seen, have_changed, have_grown, without_outliers
 from trackfg.solver.covariance import Covariance
 from trackfg.solver.leave_one_out import predicted
 from trackfg.streaming.rows import SAME_S
