@@ -18,7 +18,7 @@ _HEIGHT = 900
 
 
 def looked_at(folder: Path, pictures: Path) -> Iterator[Step]:
-    """Open every page below ``folder``, and put what it looks like into ``pictures``, for somebody to look at.
+    """Open every page below ``folder``, and put what it looks like into ``pictures``, to be looked at.
 
     A page has failed where its scripts do, where it asks a network for anything, or is wider than the window.
     """

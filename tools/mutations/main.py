@@ -1,7 +1,7 @@
 """What the tests hold: errors put into the equations on purpose, each of which a test of its part has to notice.
 
 Each mutation of :mod:`mutations.catalogue` is put into a copy of the project, never into the project itself, and the
-tests of its part are run there. A mutation that no test notices survives: somebody could make that error tomorrow.
+tests of its part are run there. A mutation that no test notices survives: that error would pass.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """What takes over where a step of the smoother fails, and that it does so without a loss.
 
-Two kinds of streams: some start with GNSS on a heading that nobody knows, which the first steps do not settle; and in
+Two kinds of streams: some start with GNSS on an unknown heading, which the first steps do not settle; and in
 some a step is made to throw, as that of an undetermined graph does, or the step of what takes over for it as well.
 Counted are the events that say what took over; everything that :mod:`streaming.faults` checks must hold.
 """
