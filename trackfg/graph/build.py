@@ -47,13 +47,13 @@ from trackfg.graph.run_context import RunContext, geometry_conventions
 from trackfg.graph.wheel_slip import Rolling, rolling
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.key_figures import KeyFigures
-from trackfg.numerics.spans import nearest, within
+from trackfg.numerics.spans import nearest, union, within
 from trackfg.recording.model import Recording, refuse_other_than_recording
 from trackfg.sensors.dead_reckoning import InitialPath, initial_path
 from trackfg.sensors.imu_intervals import Intervals, intervals
 from trackfg.sensors.imu_noise.noise_floor import NoiseFloor
 from trackfg.sensors.speed_noise import speed_noise
-from trackfg.sensors.standstills import find_standstills
+from trackfg.sensors.standstills import counted_standstills, find_standstills
 from trackfg.sensors.tach import Wheel, read_wheel
 from trackfg.sensors.tach_steps import at_steps
 
@@ -301,7 +301,7 @@ def _first_pass(
     Slips spoil the attitude of the initial path, and by it the speed that shows them: where there are any, once more.
     """
     wheel_rolling, guide, quantum = None, wheel, None if wheel is None else wheel.quantum
-    speedless = _is_speedless(recording, wheel)
+    speedless, counted = _is_speedless(recording, wheel), np.zeros((0, 2))
     if wheel is None and recording.gnss is None and not speedless:
         recording = with_distance_by_speed(recording)
         guide = read_wheel(recording, config.tach.max_gap_s)
@@ -309,6 +309,10 @@ def _first_pass(
         rests = np.zeros((0, 2))
         if not speedless:
             rests = find_standstills(recording, config.motion.min_rest_s, quantum_m=quantum)
+        if attempt == 0 and wheel is not None:
+            counted, doubtful = counted_standstills(recording, rests, config.tach.clock_offset_sd_s)
+            wheel = wheel.with_doubtful(doubtful)
+        rests = union(np.concatenate([rests, counted]))
         rests = data.edges[nearest(data.edges, rests.ravel())].reshape(-1, 2)
         rests = rests[rests[:, 1] > rests[:, 0]]  # a tach may go on after the inertial sensor
         wheel = None if wheel is None else wheel.standing(rests)

@@ -20,7 +20,7 @@ GNSS alone measures the speed, it must have seen the rest.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -28,9 +28,10 @@ import pandas as pd
 from numpy.lib.stride_tricks import sliding_window_view
 
 from trackfg.numerics.arrays import Array
-from trackfg.numerics.spans import Span, true_runs
+from trackfg.numerics.spans import Span, subtract, true_runs
 from trackfg.numerics.units import STANDARD_GRAVITY
 from trackfg.recording.model import IMU_COLUMNS, Recording
+from trackfg.sensors.counted_rests import Pieces, counted_rests
 from trackfg.sensors.tach_rests import Candidates, tach_rests
 
 SHORTEST_S = 1.0
@@ -53,6 +54,9 @@ _PIECES = 5
 
 _MARGIN_S = 1.5
 """A gentle start takes this long to show where only the inertial sensor measures it, s: trimmed from both ends."""
+
+_PART = 6000
+"""So many pieces at a time are averaged, ten minutes, so that a day's samples need not be in memory."""
 
 _FEWEST_BLOCKS = 6
 """A rest of so many blocks has the median force of a standstill, even if the vehicle brakes in the first two of them
@@ -109,7 +113,8 @@ def find_standstills(
     tach, gnss = recording.tach, recording.gnss
     if tach is None or len(tach) < 2:
         min_duration_s = max(min_duration_s, _ALONE_S)
-        candidates = _quiet_spans(samples, min_duration_s)
+        blocks = _Blocks.between(samples, float(samples.t[0]), float(samples.t[-1]))
+        candidates = _quiet_spans(blocks, min_duration_s)
         spans = [span for span in _of_one_rate(samples, _confirmed(samples, candidates)) if _gnss_stays(gnss, span)]
     else:
         description = recording.description.tach
@@ -127,6 +132,32 @@ def find_standstills(
         )
     lasting = [(begin, end) for begin, end in spans if end - begin >= min_duration_s]
     return np.array(lasting, dtype=np.float64).reshape(-1, 2)
+
+
+def counted_standstills(recording: Recording, standstills: Array, clock_sd_s: float) -> tuple[Array, Array]:
+    """Return spans of rest beside ``standstills`` (m, 2), s, in which the tach goes on counting, and spans where it may
+    be so. Shape (k, 2) each.
+
+    :mod:`trackfg.sensors.counted_rests` says what distinguishes them from motion. ``clock_sd_s``: sigma of the tach's
+    clock, s.
+    """
+    nothing, tach = np.zeros((0, 2)), recording.tach
+    if tach is None or len(tach) < 2:
+        return nothing, nothing
+    samples = replace(_Samples.of(recording), wheel=None)  # what counts at rest is never steady
+    edges = _piece_edges(float(samples.t[0]), float(samples.t[-1]))
+    parts = [edges[i : i + _PART + 1] for i in range(0, len(edges) - 1, _PART)]
+    means, variances = (np.concatenate(of) for of in zip(*(samples.means(part) for part in parts), strict=True))
+    quiet = _quiet_spans(_Blocks.of_pieces(edges, means, variances), _ALONE_S)
+    others = subtract(quiet, standstills + _MARGIN_S * np.array([-1.0, 1.0]))
+    spans = [span for span in _of_one_rate(samples, _confirmed(samples, others)) if span[1] - span[0] >= _ALONE_S]
+    if not spans:
+        return nothing, nothing
+    candidates = np.array(spans)
+    rolled = np.interp(edges, tach["t_s"].to_numpy(), tach["distance_m"].to_numpy())
+    counted = counted_rests(Pieces(edges, means[:, :3], means[:, 3:6], rolled), candidates, clock_sd_s)
+    stays = np.array([recording.gnss is None or _positions_stay(recording.gnss, span) for span in candidates])
+    return candidates[counted.rests & stays], candidates[counted.doubtful & stays]
 
 
 @dataclass(frozen=True)
@@ -196,9 +227,13 @@ class _Blocks:
     @classmethod
     def between(cls, samples: _Samples, begin: float, end: float) -> _Blocks:
         """Divide a span into equal blocks, at least ``_BLOCK_S`` long where it is that long itself."""
-        count = max(1, int((end - begin) / _BLOCK_S + 1e-9))
-        times = np.linspace(begin, end, count * _PIECES + 1)
-        pieces, variance = samples.means(times)
+        times = _piece_edges(begin, end)
+        return cls.of_pieces(times, *samples.means(times))
+
+    @classmethod
+    def of_pieces(cls, times: Array, pieces: Array, variance: Array) -> _Blocks:
+        """Return the blocks of pieces between ``times``, with the means and variances of their samples (n, 7)."""
+        count = len(pieces) // _PIECES
         of_block = pieces.reshape(count, _PIECES, -1)
         mean, within = of_block.mean(axis=1), of_block.var(axis=1)
         total = (variance.reshape(count, _PIECES, -1).mean(axis=1) + within)[:, :6].reshape(count, 2, 3).sum(axis=2)
@@ -271,9 +306,13 @@ def _with_measured_change(samples: _Samples, candidates: Candidates) -> np.ndarr
     return confirmed
 
 
-def _quiet_spans(samples: _Samples, duration_s: float) -> Array:
+def _piece_edges(begin: float, end: float) -> Array:
+    """Return the edges of the pieces of whole blocks, as many as a span is long."""
+    return np.linspace(begin, end, max(1, int((end - begin) / _BLOCK_S + 1e-9)) * _PIECES + 1)
+
+
+def _quiet_spans(blocks: _Blocks, duration_s: float) -> Array:
     """Return where the inertial sensor is steady, and as quiet as anywhere for ``duration_s``, s, shape (m, 2)."""
-    blocks = _Blocks.between(samples, float(samples.t[0]), float(samples.t[-1]))
     width = min(max(1, round(duration_s / _BLOCK_S)), len(blocks.scatter))
     level = sliding_window_view(blocks.scatter, width, axis=0).max(axis=2).min(axis=0)
     calm = np.all(blocks.scatter <= np.minimum(_QUIET_RATIO * level + 1e-6, _SCATTER_LIMITS), axis=1)
@@ -305,8 +344,13 @@ def _is_start_or_stop(blocks: _Blocks, steady: list[tuple[int, int]], k: int) ->
 
 
 def _shakes_more(scatter: Array, than: Array) -> bool:
-    """Return whether rate or force surely scatters more in the blocks of one span (b, 2) than of another (c, 2)."""
-    error = np.sqrt(scatter.var(axis=0) / len(scatter) + than.var(axis=0) / len(than))
+    """Return whether rate or force surely scatters more in the blocks of one span (b, 2) than of another (c, 2).
+
+    The variance from block to block is that of both spans: two blocks alone do not determine it.
+    """
+    m, n = len(scatter), len(than)
+    pooled = (m * scatter.var(axis=0) + n * than.var(axis=0)) / (m + n - 2)
+    error = np.sqrt(pooled * (1.0 / m + 1.0 / n))
     return bool(np.any(scatter.mean(axis=0) - than.mean(axis=0) > _LOUDER * error))
 
 
@@ -332,9 +376,17 @@ def _gnss_stays(gnss: pd.DataFrame | None, span: Span) -> bool:
     fixes = gnss[gnss["t_s"].between(*span)]
     if len(fixes) < 2:
         return False
-    place, sd = fixes[["east_m", "north_m"]].to_numpy(), fixes[["east_sd_m", "north_sd_m"]].to_numpy()
-    t = fixes["t_s"].to_numpy()
+    sd, t = fixes[["east_sd_m", "north_sd_m"]].to_numpy(), fixes["t_s"].to_numpy()
     # least squares: the speed of a line through the positions has the variance 1 / sum((t - mean t)^2 / sd^2)
     if np.linalg.norm((t - t.mean()) / sd.max(axis=1)) < 3.0 / _CRAWL_MPS:
         return False
+    return _positions_stay(fixes, span)
+
+
+def _positions_stay(gnss: pd.DataFrame, span: Span | Array) -> bool:
+    """Return whether half of the positions of a span or more lie within 3 sigma of their median; True without any."""
+    inside = gnss[gnss["t_s"].between(*span)]
+    place, sd = inside[["east_m", "north_m"]].to_numpy(), inside[["east_sd_m", "north_sd_m"]].to_numpy()
+    if not len(place):
+        return True
     return bool((np.median(np.abs(place - np.median(place, axis=0)) / sd, axis=0) < 3.0).all())

@@ -16,7 +16,7 @@ from scipy.ndimage import gaussian_filter1d
 from trackfg.numerics.arrays import Array
 from trackfg.numerics.integrals import trapezoid_integral
 from trackfg.numerics.key_figures import Outlined
-from trackfg.numerics.spans import median_interval, true_runs, within
+from trackfg.numerics.spans import median_interval, true_runs, union, within
 from trackfg.recording.model import IMU_COLUMNS, Recording
 from trackfg.sensors.tach_rows import rows_are_pulses, tach_quantum_m
 
@@ -49,7 +49,8 @@ _EDGE_STAMPED_FRACTION = 0.1
 @dataclass(frozen=True, repr=False)
 class Wheel(Outlined):
     """Signed nominal ``distance`` (m) at times ``t`` (s); ``rounding_sd`` (m) of a reading; ``gaps`` (g, 2), s. What
-    was rolled in the spans ``uncounted`` (u, 2), s, is not in the distance.
+    was rolled in the spans ``uncounted`` (u, 2), s, is not in the distance; in each of ``doubtful`` (d, 2), s, all that
+    it grows by may be wrong.
 
     A ``coarse`` tach was read at its steps (:mod:`trackfg.sensors.tach_steps`), and has the 1-sigma of a reading
     between each two rows, ``reading_sds`` (n - 1,), m. A speed signal whose noise is known, or a count that misses
@@ -68,6 +69,7 @@ class Wheel(Outlined):
     reading_sds: Array | None = None
     grown: Array | None = None
     offset_sd_mps: float = 0.0
+    doubtful: Array = field(default_factory=lambda: np.zeros((0, 2)))
 
     @property
     def is_plain_count(self) -> bool:
@@ -111,10 +113,13 @@ class Wheel(Outlined):
         ``speed_noise_mps``, m/s in 1 s, is what the settings give a speed signal; 0 where the rows determine it as far
         as they can.
         """
+        doubtful = np.zeros(len(t))
+        for span in self.doubtful:
+            doubtful += np.interp(t, span, [0.0, float(np.diff(self.at(span))[0]) ** 2])
         if self.grown is not None and not (self.integrates_speed and speed_noise_mps > 0.0):
-            return np.diff(np.interp(t, self.t, self.grown))
+            return np.diff(np.interp(t, self.t, self.grown) + doubtful)
         density = (speed_noise_mps or _SPEED_NOISE_MPS) if self.integrates_speed else 0.0
-        return np.asarray(density**2 * np.diff(t))
+        return np.asarray(density**2 * np.diff(t) + np.diff(doubtful))
 
     def with_speed_noise(self, noise_mps: float) -> Wheel:
         """Return the same with white noise of the speed, m/s in 1 s, besides what is known of it."""
@@ -132,6 +137,10 @@ class Wheel(Outlined):
             return self
         moving = ~within(0.5 * (self.t[1:] + self.t[:-1]), rests)
         return replace(self, distance=np.cumsum(np.append(self.distance[0], np.diff(self.distance) * moving)))
+
+    def with_doubtful(self, spans: Array) -> Wheel:
+        """Return the same, but the vehicle may have stood in each of ``spans`` (d, 2), s, though the tach counted."""
+        return replace(self, doubtful=union(np.concatenate([self.doubtful, spans])))
 
     def with_speed(self, t: Array, speed: Array, rolls: np.ndarray) -> Wheel:
         """The same, but where it does not roll (``rolls`` (n - 1,) between the times ``t`` (n,)) by ``speed`` (n,)."""

@@ -17,6 +17,7 @@ module                  content
 ``lean_test``           lean in curves of a sensor that is declared rigid
 ``cut_test``            curves that a body on springs may have cut
 ``tach_test``           a tach that contradicts all other sensors
+``rest_count_test``     a tach that counts while the vehicle rests
 ``vibration_test``      vibration of the sensor against the track's short waves
 ``accelerometer_test``  an accelerometer that is later than the gyro
 ``bandwidth_test``      a sensor that is too slow for the waves of the track

@@ -17,6 +17,7 @@ from trackfg.streaming.doubts.cut_test import CutTest
 from trackfg.streaming.doubts.far_priors import mounting_doubts, prior_doubts
 from trackfg.streaming.doubts.fix_delay_test import FixDelayTest
 from trackfg.streaming.doubts.lean_test import LeanTest
+from trackfg.streaming.doubts.rest_count_test import RestCountTest
 from trackfg.streaming.doubts.roll_test import RollTest
 from trackfg.streaming.doubts.shared_error_test import SharedErrorTest
 from trackfg.streaming.doubts.sigma_test import SigmaTest, fix_doubts
@@ -41,6 +42,7 @@ class StreamTests:
     fix_delay: FixDelayTest = field(default_factory=FixDelayTest)
     shared_error: SharedErrorTest = field(default_factory=SharedErrorTest)
     tach: TachTest = field(default_factory=TachTest)
+    rest_count: RestCountTest = field(default_factory=RestCountTest)
     vibration: VibrationTest = field(default_factory=VibrationTest)
     accelerometer: AccelerometerTest = field(default_factory=AccelerometerTest)
     bandwidth: BandwidthTest = field(default_factory=BandwidthTest)
@@ -71,6 +73,8 @@ class StreamTests:
             self.axles.put(samples, declared, running.records.noise.shown, led_to, step_m)
         self.vibration.put(samples, led_to.trajectory, led_to.geometry, self.bandwidth.bandwidths.least_hz)
         self.accelerometer.put(samples, led_to.trajectory)
+        clock_sd_s = running.context.config.tach.clock_offset_sd_s
+        self.rest_count.put(samples, running.buffer.tach, running.rests.spans, description, clock_sd_s)
 
     def put_window(self, window: Window) -> None:
         """Take the window of a pass after which tables are written."""
@@ -89,6 +93,7 @@ class StreamTests:
             doubts += self.vibration.events(until, running.context.conventions)
             doubts += (*self.accelerometer.events(until), *self.bandwidth.events(until))
             doubts += self.axles.events(until)
+            doubts += self.rest_count.events(until, description, moving.config.tach.clock_offset_sd_s)
             records = running.records
             doubts += (*records.noise.events(until), *records.gnss.events(until), *records.gnss_speeds.events(until))
             doubts += records.walk.events(until)
