@@ -34,7 +34,7 @@ from trackfg.interchange.importing.columns.receiver_state import (
 from trackfg.interchange.importing.columns.time_columns import states_no_zone, time_columns, times_in
 from trackfg.interchange.importing.columns.written_units import factor_of, unit_in
 from trackfg.interchange.importing.mapping import FORMAT
-from trackfg.interchange.importing.proposals.clock_start import propose_start
+from trackfg.interchange.importing.proposals.clock_start import clocks_of, propose_start
 from trackfg.interchange.importing.proposals.evident_by_force import settle_by_force
 from trackfg.interchange.importing.proposals.inertial_proposal import propose_imu
 from trackfg.interchange.importing.proposals.position_unit import RAW_DEGREES, unit_of_position
@@ -276,7 +276,7 @@ def _written_places(table: SourceTable, name: str) -> bool:
 
 
 def _time_zone(proposal: Proposal, tables: Sequence[SourceTable], ask: Ask) -> None:
-    """Ask for the zone of dates that state none."""
+    """Ask for the zone of dates that state none, and of times of day beside dates."""
     named = {table.name: table for table in tables}
     sections = [part for part in proposal.sensors if "time" in part]
     without = []
@@ -284,19 +284,24 @@ def _time_zone(proposal: Proposal, tables: Sequence[SourceTable], ask: Ask) -> N
         file = part["file"] if isinstance(part["file"], str) else part["file"][0]
         if file in named and states_no_zone(named[file], part["time"], part.get("time_unit")):
             without.append(part)
-    if not without or any("time_zone" in part for part in without):
+    if any("time_zone" in part for part in without):
         return
-    text = "Time zone of the dates, which state none (UTC, Europe/Zurich, ...; GPS: 18 s ahead of UTC)"
+    dated, of_day = clocks_of(proposal, tables)
+    without += [part for part in of_day if part not in without] if dated else []
+    if not without:
+        return
+    text = "Time zone of dates and times of day that state none (UTC, Europe/Zurich, ...; GPS: 18 s ahead of UTC)"
     expected = "a zone such as Europe/Zurich, or GPS"
     zone = asked(ask, Question("time_zone", text, "UTC", accepts=is_zone, expected=expected))
     for part in without:
         part["time_zone"] = zone
+    key = f"{next((name for name, part in proposal.sections.items() if part is without[0]), 'imu')}.time_zone"
     of_gps = next((name for part in without for name in np.atleast_1d(part["time"]) if "gps" in name.casefold()), None)
     if of_gps is not None and zone == "UTC":
         hint = f'{of_gps} may be that of GPS, 18 s ahead of UTC: state time_zone = "GPS" then'
-        proposal.reasons["imu.time_zone"] = f"the dates state none. Hint: {hint}"
+        proposal.reasons[key] = f"the dates state none. Hint: {hint}"
     else:
-        proposal.reasons["imu.time_zone"] = "the dates state none"
+        proposal.reasons[key] = "the dates state none" if without[0] in dated else "the times of day state none"
 
 
 def _vehicle(proposal: Proposal, ask: Ask) -> None:

@@ -71,7 +71,8 @@ def source_format(path: Path, name: str | None = None) -> SourceFormat:
     if RESULT_FOLDER.holds(path):
         raise BadInputError(f"{path}: is a trackfg result; expected a recording of another system")
     candidate = next((form for form in formats.values() if form.recognises(path)), None)
-    if (candidate is None or path.suffix.casefold() in TEXT_SUFFIXES) and (unread := unread_format(path)) is not None:
+    may_be_other = candidate is None or path.suffix.casefold() in (*TEXT_SUFFIXES, ".mat")
+    if may_be_other and (unread := unread_format(path)) is not None:
         raise BadInputError(unread)
     if candidate is not None:
         return candidate

@@ -31,6 +31,11 @@ _BY_CONTENT: tuple[tuple[re.Pattern[bytes], str, str], ...] = (
         'columns of a CSV by a mapping with time = "row number"',
     ),
     (re.compile(rb"\xfa\xff"), "a binary log of Xsens (.mtb)", "MT Manager exports it as text (.txt)"),
+    (
+        re.compile(rb"# Created by Octave|# name: \w+\r?\n# type: "),
+        "a text of variables of Octave",
+        "save them in Octave as arrays of MATLAB: save -v7 FILE.mat",
+    ),
     (re.compile(rb"LOGG"), *_BLF),
     (re.compile(rb"\d?\|?CF,\d,\d,"), "a file of imc FAMOS", "imc FAMOS exports it as MDF, TDMS or text"),
     (re.compile(rb"DIAEXTENDED|DIAdem"), "a header of DIAdem (.dat with .r64)", "DIAdem saves it as TDMS"),

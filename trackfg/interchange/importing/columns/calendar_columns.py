@@ -23,14 +23,15 @@ COMPOSED = "date_and_time_ns"
 """The column that is added: ns since 1970, or of seconds alone since the zero that they count from."""
 
 _PARTS = {
-    "year": r"(?<!of[\s_.])year",
-    "month": "month",
-    "day": "day",
-    "hour": "hour|hr",
-    "minute": "minute|min",
-    "second": "second|sec",
+    "year": r"(?<!of[\s_.])year|jahr|ann[ée]e|a[ñn]o|anno",
+    "month": "month|monat|mois|mese?",
+    "day": "day|tag|jour|d[ií]a|giorno",
+    "hour": "hour|hr|stunden?|heure|hora|ora",
+    "minute": "minuten?|min|minuto",
+    "second": "second|sec|sekunden?|seconde|segundo|secondo",
 }
-"""Parts of a date, and the names of their columns."""
+"""Parts of a date, and the names of their columns in English, German, French, Spanish and Italian. Without a month the
+day is that of the year."""
 _DAY_OF_YEAR = re.compile(r"(^|[\s_.])(doy|y(ear)?[\s_]?day|day[\s_]?of[\s_]?year|julian[\s_]?day)$", re.IGNORECASE)
 _FRACTIONS = {"nano": 1, "nanosecond": 1, "microsecond": 1_000, "millisecond": 1_000_000}
 """Columns of what is beyond the whole seconds, ns."""
@@ -38,8 +39,13 @@ _OF_A_SECOND = re.compile(r"(?P<stem>.*?)(?P<part>nano|micro|milli|n|u|m)?sec(?:
 """The name of whole seconds, which has no ``part``, or of what is beyond them."""
 _PARTS_NS = {"nano": 1, "n": 1, "micro": 1_000, "u": 1_000, "milli": 1_000_000, "m": 1_000_000}
 _SECOND_NS = 1_000_000_000
-_MILLISECONDS = re.compile(r"(^|[\s_.])(ms|msecs?|millis?|milliseconds?)$", re.IGNORECASE)
-_MILLISECONDS_MOST = 1000
+_BEYOND_SECONDS = {
+    3: re.compile(r"(^|[\s_.])(ms|msecs?|millis?|milliseconds?)$", re.IGNORECASE),
+    6: re.compile(r"(^|[\s_.])(us|µs|usecs?|micros?|microseconds?)$", re.IGNORECASE),
+    9: re.compile(r"(^|[\s_.])(ns|nsecs?|nanos?|nanoseconds?)$", re.IGNORECASE),
+}
+"""Names of columns beside times of whole seconds, by how many decimals they give these."""
+_UNIT_OF_DECIMALS = {3: "ms", 6: "us", 9: "ns"}
 _WHOLE_SECONDS = r"(.*\D)?\d{1,2}:\d\d:\d\d"
 _UNIX_S = (900_000_000, 4_000_000_000)
 """Whole seconds that are taken for those since 1970: 1998 to 2096."""
@@ -65,10 +71,10 @@ _FIRST_WEEK, _LAST_WEEK = 960, 4000
 def with_whole_dates(table: SourceTable) -> SourceTable:
     """Return a table with the column :data:`COMPOSED` where it has all parts of a date, else the table as it is.
 
-    Times of whole seconds get the milliseconds that stand in a column beside them, and dates the offset from UTC;
-    seconds of the day beside a date become a time of day.
+    Times of whole seconds get the milli- or microseconds that stand in a column beside them, and dates the offset from
+    UTC; seconds of the day beside a date become a time of day.
     """
-    table = _with_offset(_with_clock(_with_milliseconds(table)))
+    table = _with_offset(_with_clock(_with_decimals(table)))
     readings = (read(table) for read in (_of_the_week, _of_the_calendar, _of_serial_days, _of_digits, _of_seconds))
     ns = next((ns for ns in readings if ns is not None), None)
     if ns is None:
@@ -76,8 +82,10 @@ def with_whole_dates(table: SourceTable) -> SourceTable:
     return replace(table, frame=table.frame.assign(**{COMPOSED: ns}), units={**table.units, COMPOSED: "ns"})
 
 
-def _with_milliseconds(table: SourceTable) -> SourceTable:
-    name = table.name_like(_MILLISECONDS)
+def _with_decimals(table: SourceTable) -> SourceTable:
+    """Return a table whose times of whole seconds have the milli-, micro- or nanoseconds of a column beside them."""
+    columns = ((digits, table.name_like(pattern)) for digits, pattern in _BEYOND_SECONDS.items())
+    digits, name = next(((digits, name) for digits, name in columns if name is not None), (0, None))
     if name is None or not pd.api.types.is_integer_dtype(table.frame[name]):
         return table
     clock = next((column for column in table.columns if _are_whole_seconds(table.frame[column])), None)
@@ -86,12 +94,12 @@ def _with_milliseconds(table: SourceTable) -> SourceTable:
     part, cells = table.frame[name].to_numpy(dtype=np.int64), table.frame[clock]
     same_second = (cells.to_numpy()[1:] == cells.to_numpy()[:-1]).astype(bool)
     rises = np.diff(part)[same_second] >= 0
-    if part.min() < 0 or part.max() >= _MILLISECONDS_MOST or not rises.size or rises.mean() <= _GROWING:
+    if part.min() < 0 or part.max() >= 10**digits or not rises.size or rises.mean() <= _GROWING:
         return table
     if pd.api.types.is_integer_dtype(cells):
-        whole, units = cells * _MILLISECONDS_MOST + part, {**table.units, clock: "ms"}
+        whole, units = cells * 10**digits + part, {**table.units, clock: _UNIT_OF_DECIMALS[digits]}
     else:
-        whole = cells + "." + pd.Series(part, index=cells.index).astype("string").str.zfill(3)
+        whole = cells + "." + pd.Series(part, index=cells.index).astype("string").str.zfill(digits)
         units = dict(table.units)
     return replace(table, frame=table.frame.assign(**{clock: whole}).drop(columns=name), units=units)
 
@@ -121,8 +129,15 @@ def _with_clock(table: SourceTable) -> SourceTable:
 
 
 def _with_offset(table: SourceTable) -> SourceTable:
-    """Return a table whose dates have the offset from UTC that stands in a column beside them, in place of this."""
+    """Return a table whose dates have the offset from UTC that stands in brackets in their name, or in a column beside
+    them, in place of this.
+    """
     texts = [column for column in table.columns if pd.api.types.is_string_dtype(table.frame[column])]
+    named = next((column for column in texts if re.fullmatch(_OFFSET, table.units.get(column, ""))), None)
+    if named is not None and table.frame[named].str.fullmatch(_DATE_AND_TIME).all():
+        units = {name: unit for name, unit in table.units.items() if name != named}
+        zoned = table.frame[named] + re.sub("^(UTC|GMT)", "", table.units[named])
+        return replace(table, frame=table.frame.assign(**{named: zoned}), units=units)
     offset = next((column for column in texts if table.frame[column].str.fullmatch(_OFFSET).all()), None)
     dates = next((column for column in texts if table.frame[column].str.fullmatch(_DATE_AND_TIME).all()), None)
     if offset is None or dates is None:
@@ -157,7 +172,7 @@ def _of_the_week(table: SourceTable) -> np.ndarray | None:
 def _of_the_calendar(table: SourceTable) -> np.ndarray | None:
     """Return the times (n,), ns since 1970, of columns from the year to the second; None without them."""
     names = {part: _column(table, words) for part, words in _PARTS.items()}
-    day_of_year = table.name_like(_DAY_OF_YEAR)
+    day_of_year = table.name_like(_DAY_OF_YEAR) or (names["day"] if names["month"] is None else None)
     if day_of_year is not None:
         names |= {"month": day_of_year, "day": day_of_year}
     numbers = {part: table.frame[name] for part, name in names.items() if name is not None}

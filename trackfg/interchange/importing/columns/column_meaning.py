@@ -43,6 +43,8 @@ _NUMBERS = ({1, 2, 3}, {0, 1, 2})
 _WHEEL = re.compile(r"wheel|whl|axle|\brad(drehzahl|geschw\w*)?\b|achs|колес")
 """What stands beside the unit of a speed, or of turns, in the name of a wheel's."""
 _OF_A_WHEEL: tuple[Quantity, ...] = ("speed", "angular rate")
+_OF_NO_SPEED: tuple[Quantity, ...] = ("length", "acceleration", "angle")
+"""Quantities whose unit makes a column that is named like a speed none."""
 _SPEEDS_OF_VEHICLES = (KMH, MPH)
 """Units, in m/s, that only the speed of a vehicle is given in, whatever its name; components and sigmas are in m/s."""
 _BY_UNIT: tuple[tuple[Quantity, str], ...] = (
@@ -63,6 +65,9 @@ _NUMBER = r"\d+(?:\.\d*)?(?:[eE][+-]?\d+)?"
 _UNIT_OF_A_COUNT = re.compile(rf"{_NUMBER}\s?[^\s\d]\S*?\s?(?:/|per)\s?{_COUNT}\b", re.IGNORECASE)
 _COUNTS_OF_A_UNIT = re.compile(rf"({_NUMBER})\s?{_COUNT}\s?(?:/|per)\s?(\S+)", re.IGNORECASE)
 """What remarks say of one count, and how many counts they say that a unit has."""
+_SCALE = re.compile(rf"^(?P<key>[ga]scale)\W(?P<number>{_NUMBER})\s*$", re.MULTILINE)
+_UNIT_OF_SCALE = {"gscale": "rad/s", "ascale": "g"}
+"""What a count of gyro and accelerometer is worth above the table of a GCSV log (Gyroflow), and in which unit."""
 _GRAVITY_BAND = (0.8, 1.2)
 """Median specific force of a vehicle on a track, g, with scale and bias of the worst sensors."""
 _FASTEST_TURN_DEG = 0.5
@@ -115,6 +120,8 @@ def kind_in(table: SourceTable, name: str) -> str | None:
         return "speed"
     if kind is None and axis is None and unit and factor_of(unit, "speed") in _SPEEDS_OF_VEHICLES:
         return "speed"
+    if kind == "speed" and any(unit and factor_of(unit, quantity) is not None for quantity in _OF_NO_SPEED):
+        return None
     if kind == "count" and factor_of(unit, "time") is not None:
         # Of pulses per 100 ms a table that is written faster holds each, and one written more seldom lacks some.
         return None
@@ -301,7 +308,9 @@ def _are_counts(values: np.ndarray) -> bool:
 def _scales(table: SourceTable) -> list[str]:
     """Return what remarks above the table say of one count: ``8.75 mdps/LSB``, or inversely ``131 LSB/(deg/s)``."""
     inverse = ((float(match[1]), match[2].strip("().,;")) for match in _COUNTS_OF_A_UNIT.finditer(table.remarks))
-    return _UNIT_OF_A_COUNT.findall(table.remarks) + [f"{1.0 / count:.9g} {unit}" for count, unit in inverse if count]
+    scales = [f"{match['number']} {_UNIT_OF_SCALE[match['key']]}" for match in _SCALE.finditer(table.remarks)]
+    counts = [f"{1.0 / count:.9g} {unit}" for count, unit in inverse if count]
+    return _UNIT_OF_A_COUNT.findall(table.remarks) + counts + scales
 
 
 def first_of(table: SourceTable, kind: str) -> str | None:

@@ -12,7 +12,7 @@ from trackfg.interchange.importing.columns.written_units import QUANTITIES, fact
 _AXIS = re.compile(
     r"(?:^|[\s_.\-/(:])([xyzXYZ])(?:$|[\s_.\-/\[():])|([xz]|(?<!it)y)(?=$|_|\d|\s)|(?<=[a-z])([XYZ])(?![a-z])|"
     r"(?<=^[AGWF])([XYZ])$|^([XYZ])(?=[A-Z][a-z]|\d$)|^([xyzXYZ])(?=_?(?i:gyro|acc|rate|ang))|"
-    r"(?<=[\u3040-\u9fff])([XYZ])$"
+    r"(?<=[\u3040-\u9fff])([XYZ])$|(?<=[\s_])([XYZ])(?=[bsv]$)"
 )
 _NAMED_AXIS = {
     "x": re.compile(r"roll|wank|longitudinal|\blong?(?=acc)|\blong\b|l(ä|ae)ngs|in.?line|right/left|\bforward(?!/)"),
@@ -37,7 +37,7 @@ _GRID = "(utm|etrs|epsg|lv)"
 _PATTERNS = {
     "free_accel": r"linear.?acc|user.?acc|without.?g|ohne.?g|free.?acc|(?<!in)lin.?acc|gravity.?free|线性加速度",
     "gyro": (
-        r"gyr|\bgiro|omega|ang(ular)?[\s_]*(vel|rate|speed)|vitesse.(ang|de.rot)|veloc\w*.ang|углов\w* скорост|"
+        r"gyr|\bgiro|\bpqr\b|omega|ang(ular)?[\s_]*(vel|rate|speed)|vitesse.(ang|de.rot)|veloc\w*.ang|углов\w* скорост|"
         r"drehrate|rot(ation)?.?rate|"
         r"turn.?rate|^rate\b|\brates?$|(roll|pitch|yaw).?(rate|vel)|(wank|nick|gier).?(rate|geschw)|dtheta|"
         r"delta.?(theta|ang)|\binc\w*.?ang|ang\w*.?inc(?!l)|角速度|陀螺"
@@ -47,11 +47,11 @@ _PATTERNS = {
         r"vel\w*.?inc(?!l)|加速度|ускорен|^load.?factor"
     ),
     "speed": (
-        r"speed|\bspd\b|geschw|veloc|vitesse|twist.*linear\.x|^v$|^v[\s_\[(]|kmh|km/h|nopeus|скорост|速度|车速|^vel$|"
+        r"speed|\bspd\b|geschw|veloc|vitesse|twist.*linear\.x|^v$|^v[\s_\[(](?!.*(acc|std|sigma|err))|kmh|km/h|nopeus|скорост|速度|车速|^vel$|"
         r"hastighe[td]|snelheid|rychlost|pr[eę]dko[sś][cć]"
     ),
     "count": (
-        r"pulse|impuls|^(?!.*(packet|sample|frame|sat|error|message|msg|seq|imu)).*count|"
+        r"pulse|impuls|^(?!.*(packet|sample|frame|sat|error|message|msg|seq|imu|calib|clip)).*count|"
         r"ticks|in[ck]rement|\benc(oder)?\b|encoder|drehgeber|tacho|zähl"
     ),
     "distance": r"odo|dist|^weg|wegstrecke|mileage|走行距離|пробег",
@@ -61,7 +61,8 @@ _PATTERNS = {
     ),
     "latitude": r"^lat|latitude|breite|緯度|纬度|широт|(?<=gps )lat(?!.?acc)|(?<=gnss )lat(?!.?acc)",
     "longitude": (
-        r"^lon(?!g.?acc)|^lng|longitude|länge|laenge|経度|经度|долгот|(?<=gps )lon(?!g?.?acc)|(?<=gnss )lon(?!g?.?acc)"
+        r"^lon(?!g.?acc)|^lng|longitude|länge|laenge|経度|经度|долгот|"
+        r"(?<=gps )(lon(?!g?.?acc)|lng)|(?<=gnss )(lon(?!g?.?acc)|lng)"
     ),
     "easting": rf"{_NO_RATE}.*(\beast(ing)?\b|rechtswert|ostwert)|^e$|^[ex]\W*{_GRID}|{_GRID}[\w ]* ?[ex]$",
     "northing": rf"{_NO_RATE}.*(\bnorth(ing)?\b|hochwert|nordwert)|^n$|^[ny]\W*{_GRID}|{_GRID}[\w ]* ?[ny]$",
@@ -70,10 +71,10 @@ _PATTERNS = {
     ),
     "down": r"^(pos(ition)? )?down$",
     "sd_horizontal": r"h(or\w*)?[ _]?acc|horizontal.?accuracy|^((gps|gnss|location)[ _])?accuracy|sd[ _]?[neh]\b",
-    "sd_vertical": r"v(er\w*)?[ _]?acc\b|vertical.?accuracy|altitude.?accuracy|sd[ _]?[uv]\b",
+    "sd_vertical": r"v(er\w*)?[ _]?acc(uracy)?\b|vertical.?accuracy|altitude.?accuracy|sd[ _]?[uv]\b",
     "time": (
         r"^t$|^[mu]s(ec)?$|^t (imu|gyro?|acc\w*|wheel|rad|tach\w*|odo\w*|enc\w*|speed|gps|gnss|pos\w*)$|"
-        r"time|zeit|uhr|datum|(?<!up)date|horodat|врем|utc|stamp|elapsed|epoch|heure|se[ck](ond|unde)?[sn]?$|^ts$|^gpst$|\btow\b|\bso[wd]$|"
+        r"time|zeit|uhr|datum|(?<!up)date|horodat|врем|utc|stamp|elapsed|epoch?\b|heure|se[ck](ond|unde)?[sn]?$|^ts$|^gpst$|\btow\b|\bso[wd]$|"
         r"seconds? of (the )?(day|week)$|"
         r"時刻|時間|时间|tiempo|^temps|hora|^aika|^tid$|^tijd|^czas|^clock$|^millis|^micros"
     ),
@@ -86,7 +87,7 @@ _COMPACT = {"gyro": re.compile(r"\b[gw] ?[xyz]\b"), "accel": re.compile(r"\b(gf|
 """Letters with an axis that stand for a quantity where no word does."""
 
 _INDEX = re.compile(r"\[([012])\]$")
-_VECTOR = re.compile(r"gyr|acc(?!ur)|ang(ular)?[\s_]*vel|mag")
+_VECTOR = re.compile(r"gyr|acc(?!ur)|ang(ular)?[\s_]*vel|mag|\bpqr\b|delta[\s_]*(ang|vel|theta)")
 """Arrays of three columns, ``gyro_rad[0]``, whose indices are the axes x, y and z."""
 _SUFFIX = re.compile(r"^(.*[^\s_])[\s_]*[\s_(\[]([^\s_()\[\]]+)[)\]]?$")
 _RATIO = re.compile(r"^(.*[^\s_])_([^\s_]+_s2?)$")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -14,7 +15,7 @@ from trackfg.interchange.importing.columns.calendar_columns import COMPOSED
 from trackfg.interchange.importing.columns.column_names import meaning, parts_of
 from trackfg.interchange.importing.columns.written_units import factor_of
 from trackfg.interchange.importing.source_table import ROW_NUMBER, SourceTable
-from trackfg.interchange.importing.times.clock import Times
+from trackfg.interchange.importing.times.clock import Times, stated_day
 from trackfg.interchange.importing.times.numeric_times import (
     are_clock_digits,
     are_gps_seconds,
@@ -48,10 +49,14 @@ _INTERVAL = re.compile(
 """The interval of samples in these remarks, in s unless stated; LabVIEW calls it Delta_X."""
 
 
+_STATED_TICK = re.compile(r"^tscale\W(\d+(?:\.\d*)?(?:e[+-]?\d+)?)\s*$", re.IGNORECASE | re.MULTILINE)
+"""Length of a tick of the times above the table of a GCSV log (Gyroflow), s."""
 _DISPLACED = 0.05
 """Share of rows that are earlier than the one before; a time that starts again has fewer."""
 _MEASURED = re.compile(r"header[\s_./]*stamp$")
 """The time at which a ROS message was measured; others as fine, such as ``%time``, say when it was received."""
+_ENDS, _SAME_S = 100, 1e-6
+"""Rows at the beginning and at the end of a table by which two clocks are compared, and how far they differ, s."""
 _COARSER = 2
 """A number that has less than half as many values as a date beside it is the time of something else, as of a phone's
 last position."""
@@ -62,8 +67,8 @@ def time_columns(table: SourceTable) -> tuple[str, ...] | None:
 
     A date that was put together of its parts is preferred, unless it is coarser than another time, then a column whose
     name means a time, of several the finest one, a number rather than a text as fine, and that of the measurement
-    rather than of its receipt; else the first whose cells are dates with a time of day; else the first that grows
-    steadily and does not count samples.
+    rather than of its receipt; dates take the place of a number from a zero of its own that says the same. Else it is
+    the first whose cells are dates with a time of day; else the first that grows steadily and does not count samples.
     """
     named = [name for name in table.columns if meaning(name) == "time" or name.casefold() in _TICKS_S]
     named = [name for name in named if name != COMPOSED and table.frame[name].notna().any()]
@@ -81,7 +86,7 @@ def time_columns(table: SourceTable) -> tuple[str, ...] | None:
         finest = max(numeric, key=lambda name: (_resolution(table.numbers(name)), bool(_MEASURED.search(name))))
         dates = [name for name in text if are_dates(table.frame[name])]
         coarse = bool(dates) and _COARSER * _resolution(table.numbers(finest)) < table.frame[dates[0]].nunique()
-        return (dates[0] if coarse else finest,)
+        return (dates[0] if coarse else _date_that_goes_with(table, finest, named) or finest,)
     if not text:
         text = [name for name in table.columns if _holds_dates(table.frame[name])]
     if text:
@@ -92,6 +97,27 @@ def time_columns(table: SourceTable) -> tuple[str, ...] | None:
          and _grows(table.numbers(name)) and _steady(table.numbers(name))),
         None,
     )  # fmt: skip
+
+
+def _date_that_goes_with(table: SourceTable, name: str, named: list[str]) -> str | None:
+    """Return the column of dates that says the same as a time from a zero of its own: from row to row they differ by
+    less than a microsecond at the beginning and at the end of the table. None without one.
+    """
+    ends = replace(table, frame=pd.concat([table.frame.head(_ENDS), table.frame.tail(_ENDS)]))
+    others = [other for other in named if other != name and ends.frame[other].notna().all()]
+    clocks = {other: clock for other in (name, *others) if (clock := _times_if_read(ends, other)) is not None}
+    if name not in clocks or not clocks[name].have_own_zero:
+        return None
+    steps = np.diff(clocks[name].since(None))
+    dates = {other: np.diff(clock.ns) / 1e9 for other, clock in clocks.items() if clock.ns is not None}
+    return next((other for other, of_date in dates.items() if np.abs(of_date - steps).max() < _SAME_S), None)
+
+
+def _times_if_read(table: SourceTable, name: str) -> Times | None:
+    try:
+        return times_in(table, (name,))
+    except BadInputError:
+        return None
 
 
 def _is_finer(table: SourceTable, name: str, date: str) -> bool:
@@ -197,8 +223,11 @@ def time_unit(
         return {"time_unit": "ticks", "tick_s": next((tick for tick in ticks if step * tick <= slowest_s), ticks[-1])}
     stated, values = table.units.get(name) or parts_of(name).unit, table.numbers(name)
     factor = factor_of(stated, "time")
-    if factor in (None, 1.0) and _GPS.search(name) and are_gps_seconds(values):
-        return {"time_unit": "gps"}
+    if _GPS.search(name):
+        scales = _TIME_UNITS if factor is None else (factor,)
+        since_1980 = next((scale for scale in scales if are_gps_seconds(values * scale)), None)
+        if since_1980 is not None:
+            return {"time_unit": "gps"} | ({} if since_1980 == 1.0 else {"tick_s": since_1980})
     if (tick := tick_of_dates(values)) is not None:
         return {"time_unit": "ticks", "tick_s": tick}
     if factor in _TIME_UNITS:
@@ -211,6 +240,8 @@ def time_unit(
         t = beside[0].numbers(beside[1])
         if np.nanmin(t) <= np.nanmin(values) and np.nanmax(values) <= np.nanmax(t):
             return time_unit(beside[0], (beside[1],))
+    if (tick := _STATED_TICK.search(table.remarks)) is not None:
+        return {"time_unit": "ticks", "tick_s": float(tick[1])}
     return _by_rate(table, values) or {"time_unit": guessed_unit(values)}
 
 
@@ -227,7 +258,7 @@ def _by_rate(table: SourceTable, values: np.ndarray) -> dict[str, Any] | None:
 
 
 def states_no_zone(table: SourceTable, time: str | list[str], unit: str | None) -> bool:
-    """Return whether the times of a table are dates of a zone that it does not state."""
+    """Return whether the times of a table are dates, or times of a day that lines above state, of an unstated zone."""
     columns = [time] if isinstance(time, str) else time
     stated = [name.casefold() for name in (*columns, *map(table.units.get, columns)) if name]
     if any("utc" in name or "gmt" in name for name in stated) or not set(columns) <= set(table.columns):
@@ -241,5 +272,5 @@ def states_no_zone(table: SourceTable, time: str | list[str], unit: str | None) 
     if are_durations(cells.iloc[:1]):
         return False
     cell = "" if cells.empty else str(cells.iloc[0]).strip()
-    is_date = len(columns) == 2 or not re.fullmatch(r"[\d:.,]+", cell)
+    is_date = len(columns) == 2 or not re.fullmatch(r"[\d:.,]+", cell) or stated_day([table.remarks]) is not None
     return is_date and not states_zone(cell)

@@ -55,10 +55,19 @@ _LISTED = re.compile(r"[\[(][\s\d.,;eE+-]+[\])]$")
 """Numbers in brackets, as lists are written."""
 
 
+_BLANK_BEFORE_NOON = re.compile(r"(\d:\d\d(?:[.,]\d+)?) (?=[AaPp][Mm]\b)")
+"""The blank within a time of day with AM or PM."""
+
+
+def without_blank_before_noon(text: str) -> str:
+    """Return text whose times of day have no blank before AM and PM: they are one cell where blanks part cells."""
+    return _BLANK_BEFORE_NOON.sub(r"\1", text)
+
+
 def cells(line: str, delimiter: str) -> list[str]:
     """Return the cells of a line, without the blanks around them."""
     if delimiter == BLANKS:
-        return line.split()
+        return without_blank_before_noon(line).split()
     return [cell.strip() for cell in next(csv.reader([line], delimiter=delimiter), [])]
 
 

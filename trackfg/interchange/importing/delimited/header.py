@@ -76,6 +76,8 @@ def header_of(
         names = candidates[-1] if candidates else []
         if len(candidates) > 1 and _repeat(names):
             names = _below(candidates[-2], names)
+        elif len(candidates) > 1 and not _quantities(names) and _quantities(candidates[-2]) > 1:
+            names = candidates[-2] if all(candidates[-2]) else names  # below them are numbers of channels
     names = [*names, *[""] * (width - len(names))][:width]
     units_row = _below_names(units_row or [""] * width, names)
     stated = {i: unit.strip("[]() ") for i, unit in enumerate(units_row) if unit}

@@ -12,7 +12,7 @@ import pyarrow.compute
 import pyarrow.csv
 
 from trackfg.errors import BadInputError, first_line, printable
-from trackfg.interchange.importing.delimited.cells import EMPTY_CELLS, cells
+from trackfg.interchange.importing.delimited.cells import EMPTY_CELLS, cells, without_blank_before_noon
 from trackfg.interchange.importing.delimited.data_rows import is_remark, names_a_summary, summary_rows
 from trackfg.interchange.importing.delimited.dialect import Dialect, DialectOptions, NoRowsError, dialect_of
 from trackfg.interchange.importing.delimited.written_numbers import numbers_of
@@ -64,7 +64,7 @@ def _source(path: Path, dialect: Dialect) -> Path | pa.BufferReader:
 
 def _parted(text: str) -> bytes:
     """Return text with one tab in place of the blanks between its columns."""
-    lines = re.sub(r"[ \t]+", "\t", text)
+    lines = re.sub(r"[ \t]+", "\t", without_blank_before_noon(text))
     return re.sub(r"(?m)^\t|\t$", "", lines).encode()
 
 

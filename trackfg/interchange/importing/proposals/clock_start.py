@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from datetime import UTC, datetime
 from typing import Any
+
+import pandas as pd
 
 from trackfg.errors import BadInputError
 from trackfg.interchange.importing.proposals.questions import Ask, Proposal, Question, asked
@@ -13,8 +16,10 @@ from trackfg.interchange.importing.source_table import SourceTable
 from trackfg.interchange.importing.stated_start import stated_start
 from trackfg.interchange.importing.times.clock import Times
 from trackfg.interchange.importing.times.reading import times_by_keys
-from trackfg.interchange.importing.times.zones import is_zone
+from trackfg.interchange.importing.times.zones import is_zone, states_zone
 
+_STATES_ZONE = re.compile(r"utc|gmt|gps|gnss")
+"""Names of times of day that a receiver writes."""
 _FIRST_ROWS = 100
 """Rows that show whether a table has dates."""
 
@@ -43,6 +48,23 @@ def propose_start(proposal: Proposal, tables: Sequence[SourceTable], ask: Ask) -
         expected = "a zone such as Europe/Zurich"
         question = Question("time_zone", text, "UTC", accepts=is_zone, expected=expected)
         starts[0][0]["time_zone"] = zone or asked(ask, question)
+
+
+def clocks_of(proposal: Proposal, tables: Sequence[SourceTable]) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
+    """Return the sections whose times are dates, and those whose times of day, in text, state no zone."""
+    clocks = list(_clocks(proposal, tables))
+    dated = [section for section, _, times in clocks if times.ns is not None]
+    of_day = [section for section, table, times in clocks if times.zone is not None and _is_clock(table, section)]
+    return dated, of_day
+
+
+def _is_clock(table: SourceTable, section: dict[str, Any]) -> bool:
+    """Return whether times are written as times of day whose zone neither they nor their column's name state."""
+    name = section["time"]
+    if not isinstance(name, str) or "time_zone" in section or _STATES_ZONE.search(name.casefold()):
+        return False
+    cells = table.frame[name].dropna()
+    return bool(pd.api.types.is_string_dtype(cells) and len(cells) and not states_zone(str(cells.iloc[0]).strip()))
 
 
 def _clocks(proposal: Proposal, tables: Sequence[SourceTable]) -> Iterator[tuple[dict[str, Any], SourceTable, Times]]:

@@ -42,7 +42,7 @@ _SLOW_COPY = 0.5
 _CORE_MOTION = re.compile(r"accelerometerAcceleration|motionUserAcceleration")
 """Names of SensorLog, which logs what iOS measures: the force of gravity, -1 g upwards at rest."""
 _SECOND_CHOICE = re.compile(
-    r"filt|smooth|low.?pass|average|high.?(g|range)(?![a-z])|(^|[\s_])hg(?![a-z])", re.IGNORECASE
+    r"uncomp|uncal|filt|smooth|low.?pass|average|high.?(g|range)(?![a-z])|(^|[\s_])hg(?![a-z])", re.IGNORECASE
 )
 """Names of columns that another sensor, or the same one, has better: filtered ones, which lack the short waves of the
 track, and those of a range for shocks, which are noisy.

@@ -185,7 +185,7 @@ class Proposal:
         if columns is not None:
             unit = time_unit(table, columns, beside)
             if unit.get("time_unit") == "gps":
-                self.reasons["imu.time_unit"] = f"{columns[0]} is named after GPS: seconds since 1980-01-06, not 1970"
+                self.reasons["imu.time_unit"] = f"{columns[0]} is named after GPS: it counts from 1980-01-06, not 1970"
             return {"time": columns[0] if len(columns) == 1 else list(columns), **unit}
         if ask is None:
             raise BadInputError(

@@ -23,8 +23,10 @@ _OF_A_RECEIVER = re.compile(r"gps|gnss|ground|sog|gspeed|location")
 """Names that only a receiver's speed has."""
 NAMED_AFTER_RECEIVERS = re.compile(r"gps|gnss")
 """Names of speeds and distances, or of their tables, that no wheel gives."""
-NOT_MEASURED = re.compile(r"vert|climb|wind|limit|soll|(^|[\s_])set|target|permit|max|avg|mean|engine")
-"""Names of speeds that are none of the vehicle's at the time: of limits, set values and statistics."""
+NOT_MEASURED = re.compile(
+    r"vert|delta|clipping|(^|[\s_])dt$|climb|wind|limit|soll|(^|[\s_])set|target|permit|max|avg|mean|engine"
+)
+"""Names of speeds that are none of the vehicle's at the time: of limits, set values, changes and statistics."""
 _OTHER = re.compile(r"wheel|whl|rad(?!ar|ius)|axle|achse|tach|odo|obd|ecu|\bcan\b|radar|doppler|rpm")
 """Names of speeds that no receiver measures."""
 _KNOWN = 0.5

@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 from trackfg.interchange.importing.columns.calendar_columns import with_whole_dates
+from trackfg.interchange.importing.columns.metres_of_sigmas import with_sigmas_in_metres
 from trackfg.interchange.importing.columns.time_columns import time_columns
 from trackfg.interchange.importing.delimited.header import in_brackets
 from trackfg.interchange.importing.delimited.written_numbers import with_numbers
@@ -31,6 +32,7 @@ _RESHAPED: tuple[Callable[[SourceTable], SourceTable], ...] = (
     with_degrees,
     with_geodetic,
     without_units_in_cells,
+    with_sigmas_in_metres,
     with_whole_dates,
 )
 """What makes columns of other notations the usual ones, in this order."""

@@ -37,7 +37,7 @@ from trackfg.interchange.importing.sources.ros_echo import with_columns_of_ros
 from trackfg.interchange.importing.sources.spreadsheet import SPREADSHEETS, read_spreadsheet
 from trackfg.interchange.importing.unread_formats import unread_format
 
-TEXT_SUFFIXES = (".csv", ".txt", ".tsv", ".dat", ".asc", ".log", ".lvm", ".prn")
+TEXT_SUFFIXES = (".csv", ".txt", ".tsv", ".dat", ".asc", ".log", ".lvm", ".prn", ".gcsv")
 GNSS_LOGS = (".ubx", ".nmea", SOLUTION, TRACK)
 """Logs of a receiver, solutions of RTKLIB and tracks of GPX that lie beside the tables."""
 _OPENERS: dict[str, Callable[..., Any]] = {".gz": gzip.open, ".bz2": bz2.open, ".xz": lzma.open}

@@ -133,7 +133,10 @@ def times_of_numbers(values: Array, series: pd.Series, notation: TimeNotation, l
             return Times((series.to_numpy(dtype=np.int64) - to_1970) * 100, None)
         return Times(None, unwrapped(values, notation.wraps_at) * notation.tick_s)
     if unit == "gps":
-        return Times(gps_ns(values), None)
+        tick_s = 1.0 if notation.tick_s is None else notation.tick_s
+        if not pd.api.types.is_integer_dtype(series) or tick_s * 1e9 != round(tick_s * 1e9):
+            return Times(gps_ns(values * tick_s), None)
+        return Times(gps_ns(np.zeros(1)) + series.to_numpy(dtype=np.int64) * round(tick_s * 1e9), None)
     if unit == "days":
         known = (values - zero for zero in _DAYS_TO_1970 if 0.0 <= values[-1] - zero <= _tomorrow_ns() / DAY_NS)
         since_1970 = next(known, values - _DAYS_TO_1970[0])

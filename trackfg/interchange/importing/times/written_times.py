@@ -30,6 +30,12 @@ _DATE_FORMATS = (
     "%d/%m/%Y %H:%M:%S",
     "%m/%d/%Y %I:%M:%S.%f %p",
     "%m/%d/%Y %I:%M:%S %p",
+    "%d/%m/%Y %I:%M:%S.%f %p",
+    "%d/%m/%Y %I:%M:%S %p",
+    "%Y-%m-%d %I:%M:%S.%f %p",
+    "%Y-%m-%d %I:%M:%S %p",
+    "%d-%b-%Y %I:%M:%S.%f %p",
+    "%d-%b-%Y %I:%M:%S %p",
     "%Y%m%d %H%M%S.%f",
     "%Y%m%d_%H%M%S.%f",
     "%m/%d/%Y %H:%M:%S.%f",
@@ -76,6 +82,10 @@ _CLOCK = r"\d{1,2}:\d{1,2}(:\d{1,2}(\.\d+)?)?( ?[AaPp][Mm])?"
 """A time of day."""
 
 
+_NOON = re.compile(r"(?<=\d)(?=[AaPp][Mm]$)")
+"""Where a time of day with AM or PM lacks its blank."""
+
+
 _WHOLE_SECONDS = re.compile(r"(?<=\d:\d{2}:\d{2})(?=$| ?[AaPp][Mm]$)")
 """The end of a time without decimals."""
 
@@ -102,6 +112,8 @@ def times_of_text(text: pd.Series, notation: TimeNotation, label: str, first_row
     if notation.format is not None:
         return _dates(_with_decimals(text), (notation.format,), notation, label, first_row)
     text = text.str.replace(",", ".", regex=False)
+    if _NOON.search(str(text.iloc[0])):
+        text = text.str.replace(_NOON, " ", regex=True)
     if text.str.contains(_THREE_DIGITS).any():  # else they may be frames
         text = text.str.replace(_COLON_BEFORE_MS, _with_point, regex=True)
     first = text.iloc[:100]
