@@ -22,6 +22,7 @@ from trackfg.checks.contradictions.positions import (
     mirrored_findings,
     turns_findings,
 )
+from trackfg.checks.contradictions.rest_throughout import rest_findings
 from trackfg.checks.contradictions.wheel import (
     clock_findings,
     curves_findings,
@@ -56,7 +57,8 @@ def diagnose(recording: Recording, limits: CheckLimits | None = None) -> tuple[E
     sound = sound if 2 * len(sound.imu) > len(measured.imu) else measured
     estimates = estimates_of(sound)
     channels = imu_channels.findings(recording.description.imu, recording.imu, limits)
-    return estimates, [*channels, *contradictions(sound, estimates, limits)]
+    rest = rest_findings(sound, estimates, limits)
+    return estimates, [*channels, *rest, *contradictions(sound, estimates, limits)]
 
 
 def contradictions(recording: Recording, estimates: Estimates, limits: CheckLimits) -> list[Finding]:
