@@ -25,11 +25,16 @@ class ExportOptions:
     bands: bool = False
 
 
+ON_COMMAND_LINE = {"table": "--table", "channels": "--template", "step_m": "--step", "km": "--km", "bands": "--bands"}
+"""What the options are called on the command line."""
+
+
 class ResultFormat(ABC):
     """A format of results: ``key`` is its name on the command line, ``suffix`` that of its files, ``title`` what it is.
 
     A class with ``needs_place`` writes positions on the Earth, which a result has where GNSS gave them; one with
-    ``needs_trajectory`` what a geometry that another system measured has not.
+    ``needs_trajectory`` what a geometry that another system measured has not. ``takes`` are the names of the options
+    that say something of what it writes: others are refused.
     """
 
     key: ClassVar[str]
@@ -37,6 +42,7 @@ class ResultFormat(ABC):
     title: ClassVar[str]
     needs_place: ClassVar[bool] = False
     needs_trajectory: ClassVar[bool] = False
+    takes: ClassVar[frozenset[str]] = frozenset(ON_COMMAND_LINE)
 
     def file_name(self, result_name: str, options: ExportOptions) -> str:
         """Return the file's name where the user gives none: no two exports of one result have the same."""

@@ -440,6 +440,25 @@ def test_formats_are_found_by_name():
         result_format("geojsn")
 
 
+@pytest.mark.parametrize(
+    ("name", "options", "message"),
+    [
+        ("tum", {"km": True}, r"--km: tum does not take it; expected it with one of csv, xlsx, channels, geojson"),
+        ("gpkg", {"table": "events"}, r"--table: gpkg does not take it; expected it with one of csv"),
+        ("csv", {"step_m": 5.0}, r"--step: csv does not take it; expected it with one of geojson, gpx, gpkg"),
+        ("landxml", {"bands": True}, r"--bands: landxml does not take it; expected it with one of csv, xlsx, channels"),
+        ("csv", {"channels": read_template(None)}, r"--template: csv does not take it; .* one of channels"),
+        ("csv", {"table": "events", "bands": True}, r"--bands: events has none; expected --table geometry"),
+    ],
+)
+def test_options_that_say_nothing_of_a_format_are_refused(
+    name: str, options: dict[str, object], message: str, result: Result, tmp_path: Path
+) -> None:
+    with pytest.raises(BadInputError, match=message):
+        _exported(result, name, tmp_path, **options)
+    assert not list(tmp_path.iterdir())
+
+
 def test_no_export_takes_the_name_of_another_one():
     tables = ("geometry", "trajectory", "events", "balises")
     names = [form.file_name("out1", ExportOptions()) for form in result_formats().values()]

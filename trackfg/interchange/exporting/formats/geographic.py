@@ -36,6 +36,7 @@ class GeoJson(ResultFormat):
     key = "geojson"
     suffix = ".geojson"
     title = "GeoJSON: the path as a line, events as points"
+    takes = frozenset({"step_m", "km"})
     needs_place = True
 
     def write(self, result: Result, path: Path, options: ExportOptions) -> None:
@@ -58,6 +59,7 @@ class Gpx(ResultFormat):
     key = "gpx"
     suffix = ".gpx"
     title = "GPX 1.1: the path as a track"
+    takes = frozenset({"step_m"})
     needs_place = True
 
     def write(self, result: Result, path: Path, options: ExportOptions) -> None:
@@ -84,6 +86,7 @@ class GeoPackage(ResultFormat):
     key = "gpkg"
     suffix = ".gpkg"
     title = "GeoPackage: points of the geometry, the path, events"
+    takes = frozenset({"step_m", "km"})
     needs_place = True
 
     def write(self, result: Result, path: Path, options: ExportOptions) -> None:
@@ -109,6 +112,7 @@ class GeoParquet(ResultFormat):
     key = "geoparquet"
     suffix = ".parquet"
     title = "GeoParquet 1.1: points of the geometry with all columns"
+    takes = frozenset({"km"})
     needs_place = True
 
     def write(self, result: Result, path: Path, options: ExportOptions) -> None:

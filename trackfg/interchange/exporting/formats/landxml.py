@@ -45,6 +45,7 @@ class LandXml(ResultFormat):
     key = "landxml"
     suffix = ".xml"
     title = "LandXML 1.2: the alignment of the curves found, with cant"
+    takes = frozenset({"km"})
     needs_trajectory = True
 
     def write(self, result: Result, path: Path, options: ExportOptions) -> None:

@@ -31,6 +31,7 @@ class Mcap(ResultFormat):
     key = "mcap"
     suffix = ".mcap"
     title = "MCAP with Foxglove's schemas: pose, place, states with sigmas"
+    takes = frozenset[str]()
     needs_trajectory = True
 
     def write(self, result: Result, path: Path, options: ExportOptions) -> None:

@@ -40,6 +40,7 @@ class RcmDx(ResultFormat):
     key = "rcm-dx"
     suffix = ".rcmdx"
     title = "RCM-DX 2.0 (HDF5): positions, geometry with sigmas, events"
+    takes = frozenset({"km"})
     needs_trajectory = True
 
     def write(self, result: Result, path: Path, options: ExportOptions) -> None:

@@ -28,6 +28,7 @@ class Csv(ResultFormat):
     key = "csv"
     suffix = ".csv"
     title = "one table of the result as CSV, with times and positions"
+    takes = frozenset({"table", "km", "bands"})
 
     def file_name(self, result_name: str, options: ExportOptions) -> str:
         """Return the result's name, followed by that of the table where it is not the geometry."""
@@ -36,6 +37,8 @@ class Csv(ResultFormat):
 
     def write(self, result: Result, path: Path, options: ExportOptions) -> None:
         """Write the table that the options name. Raises where it is the geometry and there is none."""
+        if options.bands and options.table != "geometry":
+            raise BadInputError(f"--bands: {options.table} has none; expected --table geometry")
         if options.table == "geometry":
             result.geometry_for("csv (--table trajectory needs none)")
         _write_csv(table_of(result, options.table, km=options.km, bands=options.bands), path)
@@ -47,6 +50,7 @@ class Excel(ResultFormat):
     key = "xlsx"
     suffix = ".xlsx"
     title = "all tables of the result as a spreadsheet"
+    takes = frozenset({"km", "bands"})
 
     def write(self, result: Result, path: Path, options: ExportOptions) -> None:
         """Write the sheets geometry, trajectory and events, and balises if there are any.
@@ -91,6 +95,7 @@ class Channels(ResultFormat):
     key = "channels"
     suffix = ".channels.csv"
     title = "channels in the style of EN 13848, by a template"
+    takes = frozenset({"channels", "km", "bands"})
 
     def write(self, result: Result, path: Path, options: ExportOptions) -> None:
         """Write the channels of the template, or of the built-in one. Raises where there is no geometry."""

@@ -17,6 +17,7 @@ class Tum(ResultFormat):
     key = "tum"
     suffix = ".tum"
     title = "TUM trajectory: t x y z qx qy qz qw"
+    takes = frozenset[str]()
     needs_trajectory = True
 
     def write(self, result: Result, path: Path, options: ExportOptions) -> None:
