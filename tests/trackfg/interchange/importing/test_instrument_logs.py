@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
@@ -185,9 +186,36 @@ def _scales_of_counts(drive: Drive, folder: Path) -> Path:
     return _text(folder / "cam.gcsv", [*head, "t,gx,gy,gz,ax,ay,az"], ticks, *rates.T, *forces.T)
 
 
+def _sentences_of_a_sketch(drive: Drive, folder: Path) -> Path:
+    """Examples of Adafruit print a line for each sensor, whose last number has the unit, and an empty one."""
+    lines = []
+    for stamp, rate, force in zip(_stamps(drive, "%H:%M:%S.%f"), drive.gyro, drive.accel, strict=True):
+        for name, (x, y, z), unit in (("Acceleration", force, "m/s^2"), ("Rotation", rate, "rad/s")):
+            lines.append(f"{stamp} -> {name} X: {x:.7f}, Y: {y:.7f}, Z: {z:.7f} {unit}")
+        lines += [f"{stamp} -> Temperature: 25.10 degC", f"{stamp} -> "]
+    return _text(folder / "monitor.txt", lines)
+
+
+def _dictionaries_of_python(drive: Drive, folder: Path) -> Path:
+    axes = [[dict(zip("xyz", row, strict=True)) for row in values.tolist()] for values in (drive.gyro, drive.accel)]
+    rows = zip(drive.t.tolist(), *axes, strict=True)
+    return _text(folder / "log.txt", [str({"t": t, "gyro": rate, "accel": force}) for t, rate, force in rows])
+
+
+def _units_in_messages(drive: Drive, folder: Path) -> Path:
+    lines = []
+    for t, rate, force in zip(drive.t, (drive.gyro / DEG).tolist(), drive.accel.tolist(), strict=True):
+        for topic, vector, unit in (("imu/gyro", rate, "deg/s"), ("imu/acc", force, "m/s2")):
+            lines.append(json.dumps({"topic": topic, "payload": {"t": round(t, 3), "v": vector, "unit": unit}}))
+    return _text(folder / "mqtt.jsonl", lines)
+
+
 @pytest.mark.parametrize(
     "write",
     [
+        _sentences_of_a_sketch,
+        _dictionaries_of_python,
+        _units_in_messages,
         _rates_of_aircraft,
         _increments_of_px4,
         _frame_behind_the_axis,
@@ -270,6 +298,19 @@ def test_the_zone_of_a_date_above_times_of_day_is_asked(drive: Drive, imported: 
     _is_of(imported(log, time_zone="Europe/Zurich").loaded.recording, drive, dated=True)
     _, keys = _proposed(log)
     assert "time_zone" in keys
+
+
+def test_measurements_of_influx_in_one_file_are_a_table_each(drive: Drive, imported: Import, tmp_path: Path) -> None:
+    lines = []
+    for i, (ns, rate, force) in enumerate(zip(drive.ns, drive.gyro, drive.accel, strict=True)):
+        values = zip(("gx", "gy", "gz", "ax", "ay", "az"), [*rate, *force], strict=True)
+        lines.append(f"imu,host=pi,axle=3 {','.join(f'{name}={value:.8f}' for name, value in values)} {ns}")
+        lines += [f"wheel,host=pi speed_kmh={3.6 * drive.speed[i]:.3f} {ns}"] if i % 10 == 0 else []
+    recording = imported(_text(tmp_path / "line.txt", lines)).loaded.recording
+    _is_of(recording, drive, dated=True)
+    assert recording is not None
+    assert recording.tach is not None
+    assert len(recording.tach) == drive.t.size // 10
 
 
 @pytest.mark.parametrize("name", ["vars.txt", "vars.mat"])

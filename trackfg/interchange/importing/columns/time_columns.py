@@ -240,8 +240,8 @@ def time_unit(
         t = beside[0].numbers(beside[1])
         if np.nanmin(t) <= np.nanmin(values) and np.nanmax(values) <= np.nanmax(t):
             return time_unit(beside[0], (beside[1],))
-    if (tick := _STATED_TICK.search(table.remarks)) is not None:
-        return {"time_unit": "ticks", "tick_s": float(tick[1])}
+    if (stated_tick := _STATED_TICK.search(table.remarks)) is not None:
+        return {"time_unit": "ticks", "tick_s": float(stated_tick[1])}
     return _by_rate(table, values) or {"time_unit": guessed_unit(values)}
 
 

@@ -51,7 +51,8 @@ def unit_of_position(proposal: Proposal, table: SourceTable, plan: tuple[str, st
     if _RIGHT_ANGLE < latitude <= _RIGHT_ANGLE * 100.0:
         raise BadInputError(
             f"{table.name}: column {plan[0]!r} has values up to {latitude:g}, degrees and minutes in one number "
-            "(ddmm.mmmm); expected degrees. Hint: write degrees + minutes / 60 with a sign, or import the NMEA log"
+            "(ddmm.mmmm) or minutes alone; expected degrees. Hint: write degrees + minutes / 60 with a sign, state "
+            'position_unit = "0.0166666667 deg" in a mapping if they are minutes, or import the NMEA log'
         )
     return {}
 

@@ -10,6 +10,7 @@ import re
 from dataclasses import replace
 from pathlib import Path
 
+from trackfg.interchange.importing.columns.written_units import number_and_unit
 from trackfg.interchange.importing.shapes.record_table import table_of_records
 from trackfg.interchange.importing.source_table import SourceTable
 
@@ -43,7 +44,7 @@ def has_pairs(path: Path) -> bool:
         head = stream.read(_HEAD_BYTES)
     lines = [] if b"\0" in head else head.decode("utf-8", "replace").splitlines()
     lines = lines[:-1] if len(head) == _HEAD_BYTES else lines  # the last one may be cut off
-    lines = [line for line in lines if line.strip() and line[0] not in _MARKS]
+    lines = [line for line in lines if _says_something(line)]
     names = [_record(line).keys() for line in lines]
     with_pairs, with_axes = (sum(len(of_line) >= fewest for of_line in names) for fewest in (1, _AXES))
     repeated = len(set[str]().union(*names)) <= _NEW_NAMES * sum(map(len, names))
@@ -58,11 +59,31 @@ def read_pairs(path: Path) -> SourceTable:
             if record := _record(line):
                 records.append(record)
                 first_row = first_row or number
-            elif line.strip() and line[0] not in _MARKS:
+            elif _says_something(line):
                 left_out += 1
     table = table_of_records(records, path.name)
     notes = (f"{path.name}: lines without names and values are left out: {left_out}",) if left_out else ()
     return replace(table, first_row=first_row, notes=notes)
+
+
+def _says_something(line: str) -> bool:
+    """Return whether a line is no remark and has more than the time at which it was written."""
+    return bool(line.strip()) and line[0] not in _MARKS and _WORD.search(_STAMP.sub("", line, count=1)) is not None
+
+
+def _with_whole_names(pairs: dict[str, str]) -> dict[str, str]:
+    """Return pairs of which bare axes have the name before that of the first one, and the unit behind the last one, as
+    ``Acceleration X: 0.1, Y: 0.2, Z: 9.8 m/s^2`` means them.
+    """
+    names = list(pairs)
+    stem, _, axis = names[0].rpartition(" ")
+    if not stem or "".join([axis, *names[1:]]).casefold() != "xyz":
+        return pairs
+    last = number_and_unit(pairs[names[-1]])
+    alone = last is not None and all(number_and_unit(pairs[name]) is None for name in names[:-1])
+    unit = f" {last[1]}" if last is not None and alone else ""
+    whole = {f"{stem} {name[-1:]}": f"{pairs[name]}{unit}" for name in names[:-1]}
+    return whole | {f"{stem} {names[-1]}": pairs[names[-1]]}
 
 
 def _record(line: str) -> dict[str, str]:
@@ -79,4 +100,4 @@ def _record(line: str) -> dict[str, str]:
         alone[_TIME] = last[1]
     elif stamp is not None:
         alone[_TIME] = stamp[1]
-    return alone | pairs
+    return alone | _with_whole_names(pairs)

@@ -8,6 +8,7 @@ from dataclasses import replace
 from trackfg.interchange.importing.columns.calendar_columns import with_whole_dates
 from trackfg.interchange.importing.columns.metres_of_sigmas import with_sigmas_in_metres
 from trackfg.interchange.importing.columns.time_columns import time_columns
+from trackfg.interchange.importing.columns.unit_columns import with_units_of_a_column
 from trackfg.interchange.importing.delimited.header import in_brackets
 from trackfg.interchange.importing.delimited.written_numbers import with_numbers
 from trackfg.interchange.importing.shapes.channel_tables import by_sensor, with_joined_channels
@@ -77,4 +78,4 @@ def _by_channel(table: SourceTable) -> list[SourceTable]:
     time = time_columns(table)
     wide = wide_tables(table, time[0] if time is not None and len(time) == 1 else None)
     parts = by_sensor(table) if wide[0] is table else wide
-    return [without_stand_ins(part) for part in parts]
+    return [without_stand_ins(with_units_of_a_column(part)) for part in parts]

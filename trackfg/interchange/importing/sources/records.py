@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import json
 import re
 from collections.abc import Iterable, Iterator
@@ -40,9 +41,19 @@ def holds_records(path: Path) -> bool:
     with path.open(encoding="utf-8-sig", errors="replace") as lines:
         first = lines.readline(_LONGEST_RECORD).strip()
     try:
-        return first.startswith("{") and isinstance(json.loads(first), dict)
-    except (ValueError, RecursionError):
+        return first.startswith("{") and isinstance(_value_of(first), dict)
+    except (ValueError, SyntaxError, RecursionError):
         return False
+
+
+def _value_of(line: str) -> Any:
+    """Return the value of a line of JSON, or of a dictionary as Python prints it: ``{'t': 0.01, 'ok': True}``."""
+    try:
+        return json.loads(line)
+    except ValueError:
+        if not line.lstrip().startswith("{'"):
+            raise
+        return ast.literal_eval(line.strip())
 
 
 def _content(text: str) -> Any:
@@ -64,8 +75,8 @@ def _records(lines: Iterable[str], name: str) -> Iterator[dict[str, Any]]:
         if not line.strip():
             continue
         try:
-            record = json.loads(line)
-        except ValueError as error:
+            record = _value_of(line)
+        except (ValueError, SyntaxError) as error:
             raise BadInputError(f"{name}: row {number} is no JSON ({first_line(error)}); expected a record") from error
         if not isinstance(record, dict):
             raise BadInputError(f'{name}: row {number} is no record; expected one such as {{"t": 0.01, ...}}')

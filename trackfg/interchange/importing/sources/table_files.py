@@ -106,11 +106,11 @@ def _read(file: Path, suffix: str, dialect_for: DialectFor) -> list[SourceTable]
         return [of_typed_columns(table) for table in read_records(file)]
     options = dialect_for(file.name)
     receiver = _among_lines(file) if has_sentences(file) else []
+    if options is None and has_pairs(file):
+        return [read_pairs(file), *receiver]
     delimiter = None if options is not None else delimiter_of_tagged(file)
     if delimiter is not None:
         return [*read_tagged(file, delimiter), *receiver]
-    if options is None and has_pairs(file):
-        return [read_pairs(file), *receiver]
     return [with_columns_of_ros(read_text(file, options)), *receiver]
 
 
