@@ -24,6 +24,7 @@ from trackfg.fleet.batch_progress import batch_states, shown_progress
 from trackfg.fleet.catalogue import Run
 from trackfg.fleet.key_figures import SCHEMA, done_row, failed_row
 from trackfg.fleet.store import Store
+from trackfg.report.store.line_colours import Aspect, coloured_lines
 from trackfg.results.result import Result
 from trackfg.streaming.view.local_server import serving_locally
 
@@ -105,6 +106,15 @@ def test_growth_stands_where_it_is(store: Store) -> None:
     # The twist is a sine of 2 mm, whose standard deviation is 2 / sqrt(2).
     assert float(cells.pop("0.400")) == pytest.approx(GROWTH_MM * np.sqrt(2.0), rel=0.05)
     assert max(map(float, cells.values())) < 0.01
+
+
+def test_colours_of_growth_reach_down_to_the_least_trend() -> None:
+    sections = pd.DataFrame({"from_m": 200.0 * np.arange(6), "to_m": 200.0 * np.arange(1, 7)})
+    sections["twist_mm_per_month"] = [-0.3, 0.05, 0.11, 0.3, 5.0, np.nan]
+    sections["twist_mm_per_month_sd"] = 0.01
+    (bar,) = coloured_lines({"7": sections}, Aspect("twist_mm", growth=True))
+    assert [cell.step for cell in bar.rows[0].cells] == [0, 0, 1, 2, 4, -1]
+    assert "below 0.1 to 0.8 mm a month and more" == bar.rows[0].legend
 
 
 def test_what_is_not_there_is_said(store: Store, tmp_path: Path) -> None:

@@ -51,7 +51,18 @@ class Aspect:
             grown = values > SIGMAS * sections[f"{self.name}_sd"].to_numpy()
         return np.where(np.isnan(values), np.nan, np.where(grown, values, 0.0))
 
+    def steps(self, values: Array) -> tuple[Array, Array]:
+        """Return the colour of each value of :meth:`badness`, -1 where it is not known; and the edges between colours."""
+        if not self.growth:
+            return colour_steps(values)
+        step = np.searchsorted(GROWTH_EDGES, values, side="right") - 1
+        return np.where(np.isfinite(values), step, -1), GROWTH_EDGES
 
+
+GROWTH_EDGES = np.array([0.0, 0.1, 0.2, 0.4, 0.8])
+"""Where the colours of growth begin, mm a month, alike on every page: those that are coloured reach down to the least
+rate of a trend (:data:`trackfg.mapping.trends.trends.LEAST_RATE`), however fast the fastest section grows.
+"""
 SIGMAS = 2.0
 """A growth that is fewer sigmas from zero counts as none: 2.5 % of sections that do not grow exceed it by chance."""
 
@@ -67,7 +78,7 @@ def coloured_lines(lines: Mapping[str, pd.DataFrame], aspect: Aspect) -> list[Co
     if not tables:
         return []
     shown = {line: _coarse(sections, aspect) for line, sections in tables.items()}
-    steps, edges = colour_steps(np.concatenate([value for _, value in shown.values()]))
+    steps, edges = aspect.steps(np.concatenate([value for _, value in shown.values()]))
     legend = _legend(edges, aspect)
     bars, first = [], 0
     for line, (cells, value) in shown.items():
@@ -85,7 +96,7 @@ def coloured_sections(line: str, sections: pd.DataFrame, shown: tuple[Aspect, ..
         if not np.isfinite(aspect.badness(sections)).any():
             continue
         cells, value = _coarse(sections, aspect)
-        step, edges = colour_steps(value)
+        step, edges = aspect.steps(value)
         rows.append(BarRow(aspect.label, _cells(line, cells, value, step, aspect.unit), _legend(edges, aspect)))
     return _bar(tuple(rows), cells, f"Quantities along line {line}") if rows else None
 
@@ -93,6 +104,8 @@ def coloured_sections(line: str, sections: pd.DataFrame, shown: tuple[Aspect, ..
 def _legend(edges: Array, aspect: Aspect) -> str:
     if edges.size == 1:
         return f"{digits(edges[0], 2)} {aspect.unit}"
+    if aspect.growth:
+        return f"below {edges[1]:g} to {edges[-1]:g} {aspect.unit} and more"
     return f"{digits(edges[0], 2)} to {digits(edges[-1], 2)} {aspect.unit} and more"
 
 
