@@ -58,7 +58,7 @@ def scenario(name: str) -> Scenario:
     """Return the scenario of that name. Raises :class:`~trackfg.errors.BadInputError` with the names there are."""
     catalogue = scenarios()
     if name not in catalogue:
-        raise BadInputError(f"scenario {name!r}: {expected_one_of(catalogue, name)}")
+        raise BadInputError(f"scenario {name!r}: {expected_one_of(catalogue, str(name))}")
     return catalogue[name]
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from numbers import Integral, Real
 from pathlib import Path
 from typing import Literal, NamedTuple, get_args
 from weakref import WeakValueDictionary
@@ -150,8 +151,9 @@ def simulate(
     Raises
     ------
     BadInputError
-        For an unknown name, a negative run, a duration below :data:`SHORTEST_S` or above :data:`LONGEST_S`, and a line
-        too short for the driver.
+        For an unknown name, a seed or run that is no whole number of 0 or more, a duration that is no number from
+        :data:`SHORTEST_S` to :data:`LONGEST_S`, a rate of the truth that is no number above 0, and a line too short for
+        the driver.
 
     Examples
     --------
@@ -159,9 +161,9 @@ def simulate(
     >>> simulate("mainline", seed=1, duration_s=30.0).recording
     <Recording mainline-seed1-run0: 30.0 s, imu 6000 rows at 200 Hz, tach 1501 rows>
     """
-    plan = (scenario(scenario_name) if isinstance(scenario_name, str) else scenario_name).planned()
+    plan = (scenario_name if isinstance(scenario_name, Scenario) else scenario(scenario_name)).planned()
     duration = plan.duration_s if duration_s is None else duration_s
-    _refuse_impossible(duration, run)
+    _refuse_impossible(duration, truth_rate_hz, {"seed": seed, "run": run})
     vehicle = run // plan.runs_per_vehicle
     draws = _Draws.of(seed, run, vehicle, keeps=plan.runs_per_vehicle > 1)
 
@@ -231,11 +233,14 @@ class _Draws(NamedTuple):
         return cls(line, irregularities, flange, driver, streams)
 
 
-def _refuse_impossible(duration_s: float, run: int) -> None:
-    if not SHORTEST_S <= duration_s <= LONGEST_S:
-        raise BadInputError(f"duration_s {duration_s}: expected {SHORTEST_S} s or more, and at most {LONGEST_S:g} s")
-    if run < 0:
-        raise BadInputError(f"run {run}: expected 0 or more")
+def _refuse_impossible(duration_s: float, truth_rate_hz: float, counted: Mapping[str, int]) -> None:
+    if not (isinstance(duration_s, Real) and SHORTEST_S <= duration_s <= LONGEST_S):
+        raise BadInputError(f"duration_s {duration_s!r}: expected a number of {SHORTEST_S:g} to {LONGEST_S:g} s")
+    if not (isinstance(truth_rate_hz, Real) and 0.0 < truth_rate_hz < float("inf")):
+        raise BadInputError(f"truth_rate_hz {truth_rate_hz!r}: expected a number above 0")
+    for name, value in counted.items():
+        if not isinstance(value, Integral) or value < 0:
+            raise BadInputError(f"{name} {value!r}: expected a whole number of 0 or more")
 
 
 def _with_effects(

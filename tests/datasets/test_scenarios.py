@@ -324,8 +324,14 @@ def test_bad_requests_are_refused():
         datasets.simulate("main-line")
     with pytest.raises(BadInputError, match="duration_s"):
         datasets.simulate("mainline", duration_s=-5.0)
-    with pytest.raises(BadInputError, match="run -1"):
-        datasets.simulate("mainline", run=-1)
+    for name, value in [("seed", "a"), ("seed", None), ("seed", -1), ("seed", 1.5), ("run", -1), ("run", "a")]:
+        with pytest.raises(BadInputError, match=f"{name} {value!r}: expected a whole number of 0 or more"):
+            datasets.simulate("mainline", **{name: value})
+    for name, value in [("duration_s", "a"), ("truth_rate_hz", 0), ("truth_rate_hz", "a")]:
+        with pytest.raises(BadInputError, match=f"{name} {value!r}: expected a number"):
+            datasets.simulate("mainline", **{name: value})
+    with pytest.raises(BadInputError, match="scenario 3: expected"):
+        datasets.simulate(3)
 
 
 def test_every_scenario_says_what_it_is():
