@@ -36,6 +36,7 @@ _DRAWN = 6
 _DAY, _PLACE_M = 0.01, 1e-3
 """Accuracy of dates and of places in the page, days and m."""
 _SD = "_sd"
+_MADE = "The trends are those that trackfg map trends wrote. This page was made of them by"
 
 Row = Mapping[Hashable, Any]
 
@@ -47,13 +48,13 @@ def trend_page(found: Trends, title: str, command: str) -> Page:
     strongest = found.trends.loc[sigmas.sort_values(ascending=False, kind="stable").index]
     sections = (
         PageSection("summary", "Summary", _summary(found)),
-        PageSection("limits", "When limits are reached", _reached(found)),
-        PageSection("trends", "Trends, the most certain first", _trends(found, strongest)),
+        PageSection("limits", "When limits are reached", _reached(found), "Limits"),
+        PageSection("trends", "Trends, the most certain first", _trends(found, strongest), "Trends"),
         *([PageSection("history", "Over time", _histories(strongest, found.values))] if len(strongest) else []),
-        PageSection("rates", f"Rates along the line, {found.unit}", _rates(found)),
-        PageSection("steps", "Steps: work on the track, or damage", _steps(found.steps)),
-        PageSection("sections", "Sections of 200 m", _sections(found)),
-        PageSection("made", "How it was made", (Text("This page was made by"), Code(command))),
+        PageSection("rates", f"Rates along the line, {found.unit}", _rates(found), "Rates"),
+        PageSection("steps", "Steps: work on the track, or damage", _steps(found.steps), "Steps"),
+        PageSection("sections", "Sections of 200 m", _sections(found), "Sections"),
+        PageSection("made", "How it was made", (Text(_MADE), Code(command)), "Made"),
     )
     runs, dates = found.section_values["run"].nunique(), found.section_values["date"]
     span = f"{dates.min():%Y-%m-%d} to {dates.max():%Y-%m-%d}" if runs else "without a date"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import sqlite3
 from collections.abc import Callable
 from contextlib import closing
@@ -104,6 +105,18 @@ def test_the_page_says_when_a_limit_is_reached_and_how_fast_the_track_gets_there
     assert limit["reached_on"] in text
     assert f"{1e-3 * trend['at_m']:.3f}" in text
     assert "rate, mm per million tonnes" in text
+    menu = text.partition("<nav")[2].partition("</nav>")[0]
+    assert re.findall(r">([^<>]+)</a>", menu) == [
+        "Summary",
+        "Limits",
+        "Trends",
+        "Over time",
+        "Rates",
+        "Steps",
+        "Sections",
+        "Made",
+    ]  # fits a window of 800 px
+    assert "trackfg map trends wrote" in text
     with pytest.raises(BadInputError, match=r"holds trends.*; expected official places beside a result only"):
         write_report(tmp_path / "trends", tmp_path / "again.html", km=True)
 
