@@ -27,7 +27,7 @@ from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
-from trackfg.errors import OutputError
+from trackfg.errors import BadInputError, OutputError
 from trackfg.files.locks import locked_file
 from trackfg.files.temporary_folder import temporary_folder
 
@@ -54,8 +54,10 @@ def replaced_folder(target: Path) -> Iterator[Path]:
 
     With an exception (Ctrl-C included) the target stays as it was and nothing is left behind. Parents are created. What
     the target held before is deleted: whether that is allowed is for the caller to decide. Raises ``OSError`` where the
-    parent cannot be written or the target is a file or a mount point, :class:`OutputError` where the disk is full.
+    parent cannot be written or the target is a file or a mount point, :class:`OutputError` where the disk is full, and
+    :class:`BadInputError` for the working directory.
     """
+    refuse_working_folder(target)
     target = real_path(target)
     target.parent.mkdir(parents=True, exist_ok=True)
     recover(target)
@@ -74,6 +76,23 @@ def replaced_folder(target: Path) -> Iterator[Path]:
             raise OutputError(f"{target}: cannot be written ({os.strerror(error.errno)})") from error
         finally:
             _settle(target, aside=workspace / _OLD)
+
+
+def refuse_working_folder(target: Path) -> None:
+    """Raise :class:`BadInputError` where ``target`` is the working directory or holds it.
+
+    A folder is replaced by another one of its name: a shell that stands in it would be left in the old one, which is
+    deleted, and would see nothing of what was written.
+    """
+    try:
+        working = Path.cwd()
+    except FileNotFoundError:  # it is deleted
+        return
+    if real_path(working).is_relative_to(real_path(target)):
+        raise BadInputError(
+            f"{target}: is the folder that the command runs in, or above it; it cannot be replaced from within. "
+            "Hint: name a folder in it, or run the command elsewhere"
+        )
 
 
 def real_path(path: Path) -> Path:

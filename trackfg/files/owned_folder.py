@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from trackfg.errors import BadInputError, first_line
-from trackfg.files.atomic_folder import LONGER_BY, real_path, recover
+from trackfg.files.atomic_folder import LONGER_BY, real_path, recover, refuse_working_folder
 from trackfg.files.locks import CANNOT_LOCK, lock_file
 from trackfg.files.small_file import json_of, read_small
 
@@ -76,6 +76,7 @@ class FolderKind:
         no folder can be made, before hours of work rather than after.
         """
         refuse_unwritable(folder)
+        refuse_working_folder(folder)
         if not folder.exists():
             return
         if not folder.is_dir():
@@ -168,6 +169,7 @@ def refuse_used(path: Path, why: str) -> None:
     refuse_unwritable(path)
     if path.exists() and not (path.is_dir() and not any(path.iterdir())):
         raise BadInputError(f"{path}: exists; {why}: choose another folder")
+    refuse_working_folder(path)
 
 
 @contextmanager
