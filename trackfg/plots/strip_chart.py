@@ -145,6 +145,8 @@ def _between(result: Result, from_m: float | None, to_m: float | None) -> pd.Dat
     low = -np.inf if from_m is None else from_m
     high = np.inf if to_m is None else to_m
     inside = table[table["chainage_m"].between(low, high)]
+    if low > high:
+        raise BadInputError(f"from {low:g} m to {high:g} m: expected the smaller chainage first")
     if len(inside) < 2:
         first, last = table["chainage_m"].iloc[[0, -1]]
         asked = f"between {low:g} and {high:g} m"

@@ -114,7 +114,7 @@ def test_colours_of_growth_reach_down_to_the_least_trend() -> None:
     sections["twist_mm_per_month_sd"] = 0.01
     (bar,) = coloured_lines({"7": sections}, Aspect("twist_mm", growth=True))
     assert [cell.step for cell in bar.rows[0].cells] == [0, 0, 1, 2, 4, -1]
-    assert "below 0.1 to 0.8 mm a month and more" == bar.rows[0].legend
+    assert bar.rows[0].legend == "below 0.1 to 0.8 mm a month and more"
 
 
 def test_what_is_not_there_is_said(store: Store, tmp_path: Path) -> None:
@@ -125,6 +125,8 @@ def test_what_is_not_there_is_said(store: Store, tmp_path: Path) -> None:
     assert "No run covers this section" in page(store, "/section?line=7&from=90000")
     with pytest.raises(BadInputError, match="expected a store"):
         StorePages(str(tmp_path))
+    with pytest.raises(BadInputError, match="is a result; expected a store"):
+        StorePages(store.result("run0"))
 
 
 def test_a_result_that_cannot_be_read_is_said(make_result: Callable[..., Result], tmp_path: Path) -> None:

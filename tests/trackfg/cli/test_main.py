@@ -620,7 +620,7 @@ def test_plot_a_range_of_official_places(run: Run, result: Path, tmp_path: Path)
     ("arguments", "expected"),
     [
         (("-o", "chart.pdf"), "expected a file that ends in .png, .svg or .html"),
-        (("--from", 300, "--to", 200), "no geometry between 300 and 200 m: the result covers chainage 0.00 to"),
+        (("--from", 300, "--to", 200), "from 300 m to 200 m: expected the smaller chainage first"),
         (("--from", 1e6), "no geometry from 1e+06 m on"),
         (("--from", "12+100"), "--from 12+100: expected a chainage in m"),
         (("--limits", "nowhere.toml"), "nowhere.toml: cannot be read"),

@@ -8,6 +8,7 @@ import shlex
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any, ClassVar
 from urllib.parse import parse_qsl, urlsplit
 
@@ -15,6 +16,7 @@ import pandas as pd
 
 from trackfg.cli.browse.sections import NO_DATE, StoredSections, geometry_of
 from trackfg.errors import BadInputError, TrackfgError, first_line
+from trackfg.files.owned_folder import kind_of
 from trackfg.fleet.batch_progress import BatchState, batch_states
 from trackfg.fleet.key_figures import SCHEMA
 from trackfg.fleet.places import local_files
@@ -58,7 +60,9 @@ class StorePages:
     def __init__(self, place: str) -> None:
         """Raise :class:`BadInputError` where there is no store."""
         if not is_store(place):
-            raise BadInputError(f"{place}: expected a store, as trackfg batch writes it")
+            kind = kind_of(Path(place))
+            what = f"is a {kind}; " if kind else ""
+            raise BadInputError(f"{place}: {what}expected a store, as trackfg batch writes it")
         self.store = Store(place, create=False)
         self._sections = StoredSections(self.store)
         self._read: list[Row] = []

@@ -68,7 +68,7 @@ def overlaid(results: Sequence[Result], names: Sequence[str], *, section_m: floa
     recognised nowhere on the first.
     """
     if len(results) < 2:
-        raise BadInputError(f"{len(results)} runs; expected at least two")
+        raise BadInputError(f"{', '.join(names) or 'no run'}: expected at least two runs, to lay one over the other")
     if len(set(names)) < len(names):
         raise BadInputError(f"runs of one name: {', '.join(names)}; expected each name once")
     reference = results[0]

@@ -52,7 +52,7 @@ class Aspect:
         return np.where(np.isnan(values), np.nan, np.where(grown, values, 0.0))
 
     def steps(self, values: Array) -> tuple[Array, Array]:
-        """Return the colour of each value of :meth:`badness`, -1 where it is not known; and the edges between colours."""
+        """Return the colour of each value of :meth:`badness`, -1 where it is not known; and where colours begin."""
         if not self.growth:
             return colour_steps(values)
         step = np.searchsorted(GROWTH_EDGES, values, side="right") - 1
