@@ -81,7 +81,7 @@ def cluster(address: str, store: str) -> Iterator[Submit]:
 
 @contextmanager
 def _connected(address: str) -> Iterator[Client]:
-    """Give a client of a running cluster whose workers all have the versions that are here."""
+    """Give a client of a running cluster whose workers all have the versions that are here, but for lost ones."""
     try:
         from distributed import Client
     except ImportError as error:
@@ -91,7 +91,11 @@ def _connected(address: str) -> Iterator[Client]:
     except (OSError, ValueError) as error:
         raise BadInputError(f"{address}: no scheduler of dask.distributed answers: {first_line(error)}") from error
     try:
-        for worker, versions in client.run(algorithm).items():
+        for worker, versions in client.run(algorithm, on_error="return").items():
+            if isinstance(versions, OSError):  # it was lost meanwhile; others compute its runs
+                continue
+            if isinstance(versions, Exception):
+                raise BadInputError(f"worker {worker} cannot compute: {first_line(versions)}") from versions
             if versions != algorithm():
                 raise BadInputError(f"worker {worker} has {versions}, this is {algorithm()}: expected the same")
         yield client

@@ -4,6 +4,7 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -102,6 +103,26 @@ def test_a_run_that_lost_its_workers_is_named(tmp_path: Path) -> None:
     (tmp_path / "tally").write_bytes(b"...")
     job = Job(Run("a", str(tmp_path / "none")), str(tmp_path / "result"), "")
     assert run_on_worker(job, str(tmp_path / "tally")).reason == "its worker was lost 3 times"
+
+
+@pytest.mark.slow
+def test_a_worker_that_is_lost_while_a_batch_begins_is_done_without(tmp_path: Path, scheduler: str) -> None:
+    distributed = pytest.importorskip("distributed")
+    from trackfg.fleet.workers import cluster
+
+    place = address(scheduler)
+    workers = [start_worker(scheduler), start_worker(scheduler)]
+    try:
+        with distributed.Client(place) as client:
+            client.wait_for_workers(2, timeout=60.0)
+        workers[1].send_signal(signal.SIGSTOP)  # it does not answer, and then it is gone
+        threading.Timer(1.0, workers[1].kill).start()
+        with cluster(place, str(tmp_path)):
+            assert workers[1].wait(timeout=30.0) == -signal.SIGKILL
+    finally:
+        for worker in workers:
+            worker.kill()
+            worker.wait()
 
 
 @pytest.mark.slow
