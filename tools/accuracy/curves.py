@@ -82,7 +82,7 @@ def scores(title: str, model: IrregularityModel, law: str, seeds: int, length_m:
         )
     text = (
         f"{designed_count} curves: {designed_count - len(errors)} missed, {found_count - len(errors)} false; "
-        f"laws right {100.0 * np.mean(right):.1f} % (believed {100.0 * np.mean(sure):.1f} %); "
+        f"laws right {100.0 * np.mean(right):.1f} % (mean probability {100.0 * np.mean(sure):.1f} %); "
         f"{seconds / seeds / length_m * 1e5:.1f} s of one core per 100 km\n"
     )
     return table, text

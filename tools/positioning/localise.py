@@ -6,7 +6,7 @@ would have to keep clear so as to be beyond it once in 1.7 million; it is worth 
 are held against it too. The paper's margin is 2 % of the distance since the last landmark and 20 m for one slip.
 
 Begun anywhere: recordings are cut out of these runs from a place drawn at random until the vehicle has passed the
-first, second and third curve after it, and 60 m more. A place is *believed* from a probability of 0.99 on, and right if
+first, second and third curve after it, and 60 m more. A place is *accepted* from a probability of 0.99 on, and right if
 the chainage at the end is within 10 m.
 """
 
@@ -91,8 +91,8 @@ def _cuts(run: Simulation, designed: Array, rng: np.random.Generator) -> list[tu
 
 
 def _begun_anywhere(cuts: list[tuple[Simulation, float, float]], feature_map: FeatureMap) -> dict[str, float]:
-    """How many recordings (run, start, end) there are, how many places are believed, and how many of these right."""
-    believed = right = 0
+    """How many recordings (run, start, end) there are, how many places are accepted, and how many of these right."""
+    accepted = right = 0
     probability = []
     for run, start, end in cuts:
         result = smooth(cut(run.recording, start, end), SmoothConfig(), feature_map=feature_map)
@@ -100,13 +100,13 @@ def _begun_anywhere(cuts: list[tuple[Simulation, float, float]], feature_map: Fe
         assert use is not None
         probability.append(use.probability)
         if use.probability >= BELIEVED and use.sections:
-            believed += 1
+            accepted += 1
             right += abs(float(error_of(result, run, "chainage_m")[-1])) <= RIGHT_M
     return {
         "starts": float(len(cuts)),
-        "believed": float(believed),
+        "accepted": float(accepted),
         "right": float(right),
-        "wrong": float(believed - right),
+        "wrong": float(accepted - right),
         "probability": float(np.mean(probability)),
     }
 
@@ -130,13 +130,13 @@ def figures(measured: pd.DataFrame) -> list[Figure]:
     ]
     for count in CURVES:
         condition = f"begun anywhere, after {count} curve{'s' if count > 1 else ''}"
-        name = f"{condition}: right place, believed, share"
+        name = f"{condition}: right place, accepted, share"
         share = ratio(measured, f"{count} right", f"{count} starts")
         by_seed = measured[f"{count} right"] / measured[f"{count} starts"]
         lines += [
             at_least(name, share, BELIEVED, by_seed) if count == max(CURVES) else Figure(name, share, by_seed),
             Figure(f"{condition}: mean probability", measured[f"{count} probability"].mean()),
-            at_most(f"{condition}: wrong places believed", measured[f"{count} wrong"].sum(), 0.0),
+            at_most(f"{condition}: wrong places accepted", measured[f"{count} wrong"].sum(), 0.0),
         ]
     starts = measured[f"{CURVES[0]} starts"].sum()
     return [*lines, Figure("begun anywhere: places in all", starts)]
@@ -149,7 +149,7 @@ PART = Part(
     figures=figures,
     notes=(
         f"Margin: the greatest {MARGIN_SIGMAS:g} sigma of the chainage in a run, either side, and of all seeds."
-        " The paper's: 2 % of the distance since the last landmark and 20 m for a slip. A place is believed from a"
+        " The paper's: 2 % of the distance since the last landmark and 20 m for a slip. A place is accepted from a"
         f" probability of {BELIEVED:g} on and right within {RIGHT_M:g} m."
     ),
 )

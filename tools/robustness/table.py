@@ -53,11 +53,11 @@ def failures(rows: pd.DataFrame) -> Iterator[str]:
     yield from _lines("1 silent", silent, lambda row: f"{row.quantity} {100 * row.far:.0f} % beyond 4 sigma")
     stopped = judged[~judged["converged"].astype(bool) & (judged["verdict"] != "not_trusted")]
     yield from _lines("1 not converged", stopped, lambda row: f"{row.quantity} {row.verdict}")
-    believed = summed_up(judged[judged["verdict"] != "not_trusted"])
-    believed = believed[believed["ratio"].notna()]
-    clean = believed["case"].str.startswith(CLEAN) & (believed["runs"] >= MANY_RUNS)
-    honest = believed["coverage"].between(*CLEAN_COVERAGE).where(clean, believed["coverage"] >= LEAST_COVERAGE)
-    narrow = believed[(believed["ratio"] > MOST_RATIO) | ~honest]
+    trusted = summed_up(judged[judged["verdict"] != "not_trusted"])
+    trusted = trusted[trusted["ratio"].notna()]
+    clean = trusted["case"].str.startswith(CLEAN) & (trusted["runs"] >= MANY_RUNS)
+    honest = trusted["coverage"].between(*CLEAN_COVERAGE).where(clean, trusted["coverage"] >= LEAST_COVERAGE)
+    narrow = trusted[(trusted["ratio"] > MOST_RATIO) | ~honest]
     yield from _lines(
         "2 sigmas", narrow, lambda row: f"{row.quantity} {row.ratio:.2f}, {100 * row.coverage:.0f} %, {row.verdict}"
     )
