@@ -13,7 +13,8 @@ distribution with ``nu`` degrees of freedom, common to all runs, and a scale ``s
 in turns with the joint solution, in which a row then counts ``W = w / s^2`` (Lange, Little and Taylor, "Robust
 statistical modeling using the t distribution", Journal of the American Statistical Association 84 (1989); s as in
 Foerstner's variance components, :mod:`trackfg.solver.variance_components`). In the end it counts
-``(nu + 1) / (nu + 3)`` of that, the information that Student's distribution has of its middle (ibid.).
+``(nu + 1) / (nu + 3)`` of that, the information that Student's distribution has of its middle (ibid.). Rows of
+cross-levels count as before.
 """
 
 from __future__ import annotations
@@ -73,10 +74,12 @@ def in_agreement(survey: Survey) -> tuple[Survey, Agreement]:
             break
         weights = newer
         survey = survey.with_weights(weights)
-    share = _information(agreement.degrees) ** 0.5
-    if share < 1.0:
-        survey = survey.with_weights({run_id: share * of_run for run_id, of_run in weights.items()})
-    return survey, agreement
+    if np.isinf(agreement.degrees):
+        return survey, agreement
+    share = np.sqrt((agreement.degrees + 1.0) / (agreement.degrees + 3.0))
+    for run_id, of_run in residuals.items():
+        weights[run_id][: len(of_run.error)] *= share
+    return survey.with_weights(weights), agreement
 
 
 def disagreements(survey: Survey, agreement: Agreement, run_ids: Collection[str]) -> list[str]:
@@ -161,8 +164,3 @@ def _agreement(residuals: Mapping[str, _Residuals]) -> Agreement:
 def _weight(squares: Array, degrees: float) -> Array:
     """Return w of rows with such squares (m,)."""
     return np.ones(len(squares)) if np.isinf(degrees) else (degrees + 1.0) / (degrees + squares)
-
-
-def _information(degrees: float) -> float:
-    """Return the information of Student's distribution about its middle, as a share of that of a normal one."""
-    return 1.0 if np.isinf(degrees) else (degrees + 1.0) / (degrees + 3.0)
