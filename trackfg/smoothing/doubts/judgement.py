@@ -11,6 +11,7 @@ from trackfg.results.verdict import QUANTITIES, Doubt, Quantity, Verdict, verdic
 from trackfg.sensors.imu_filters.bandwidth import RestSpectra
 from trackfg.smoothing.doubts.axle_doubts import axle_doubts
 from trackfg.smoothing.doubts.bandwidth_doubts import bandwidth_doubts
+from trackfg.smoothing.doubts.clock_doubts import clock_doubts
 from trackfg.smoothing.doubts.cut_doubts import cut_doubts
 from trackfg.smoothing.doubts.gradient_doubts import gradient_doubts
 from trackfg.smoothing.doubts.path_doubts import path_doubts
@@ -29,7 +30,12 @@ def judged(run: SolvedRun, geometry: pd.DataFrame) -> tuple[Verdict, ...]:
     tested = self_test(run)
     bandwidths = RestSpectra.of(run.problem.run.inertial, run.problem.rests).bandwidths
     motion_doubts = [*path_doubts(run), *gradient_doubts(run), *vibration_doubts(run, geometry, bandwidths)]
-    motion_doubts += [*bandwidth_doubts(run, geometry, bandwidths), *axle_doubts(run, geometry), *cut_doubts(run)]
+    motion_doubts += [
+        *bandwidth_doubts(run, geometry, bandwidths),
+        *axle_doubts(run, geometry),
+        *cut_doubts(run),
+        *clock_doubts(run),
+    ]
     return verdicts([*_of_what_is_measured(run), *tested.doubts, *motion_doubts, *run.doubts], tested.checked_by)
 
 

@@ -16,6 +16,7 @@ from trackfg.factors.states import States
 from trackfg.numerics.arrays import Array
 from trackfg.results.events import Event, doubt_event
 from trackfg.smoothing.clocks import late_clocks
+from trackfg.smoothing.doubts import clock_doubts
 from trackfg.smoothing.rectification import grown_bias
 from trackfg.smoothing.wide_priors import far_point
 
@@ -39,7 +40,12 @@ def _clock_doubts(clock: Array, config: SmoothConfig, until_s: float) -> tuple[E
         ("tach", float(clock[0]), config.tach.clock_offset_sd_s),
         ("gnss", float(clock[2]), config.position.gnss_clock_offset_sd_s),
     )
-    return tuple(_late(table, offset, until_s) for table, offset, sd in offsets if abs(offset) > _FAR_SIGMAS * sd)
+    late = tuple(_late(table, offset, until_s) for table, offset, sd in offsets if abs(offset) > _FAR_SIGMAS * sd)
+    drift = float(clock[1])
+    if not clock_doubts.is_far(drift, config.tach.clock_drift_sd, 0.0):
+        return late
+    advice = "stamp both sensors by one clock"
+    return (*late, doubt_event(clock_doubts.BY_CLOCK, clock_doubts.in_words(drift), advice, t_s=until_s))
 
 
 def _late(table: str, offset_s: float, until_s: float) -> Event:

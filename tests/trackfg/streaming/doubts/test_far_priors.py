@@ -37,6 +37,14 @@ def test_clocks_within_four_declared_sigmas_are_not_doubted() -> None:
     assert "add 1.50 to gnss.time_offset_s" in early.detail
 
 
+def test_a_clock_that_gains_more_than_declared_is_doubted() -> None:
+    assert doubts((0.0, 3e-4, 0.0)) == ()
+    (event,) = doubts((0.0, 1e-3, 0.0))
+    assert event.detail.startswith(
+        "chainage, position, height, speed, pitch, gradient: the clock of the IMU gains 0.1 %"
+    )
+
+
 def test_a_bias_that_grows_with_vibration_by_more_than_declared_is_a_doubt_of_the_attitude() -> None:
     assert doubts(along_z=-3.9 * SD) == ()
     (event,) = doubts(along_z=-4.1 * SD)
