@@ -286,7 +286,7 @@ def test_a_browser_goes_from_the_store_to_a_report(browser: Any, address: str, u
     follow(tab, "form button")
     assert "line=7" in tab.url
     assert tab.locator("#lines .bars").count() == 1
-    assert tab.locator("#lines svg rect.step4").count() == 1
+    assert tab.locator("#lines svg rect.step3").count() == 1
     tab.locator("#runs input[type=search]").fill("day")
     expect(tab.locator("#runs tbody tr:visible")).to_have_count(3, timeout=WAIT_MS)
     follow(tab, "#lines .barname a")

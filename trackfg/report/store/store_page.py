@@ -80,7 +80,8 @@ def _note(content: StoreContent) -> str:
         return "No run covers a section of 200 m."
     return (
         "Standard deviations over sections of 200 m, of the newest run over each; growth of runs of at least three "
-        "dates, where it is more than two sigmas above zero. A line's name leads to all of its sections."
+        "dates, where it is more than two sigmas above zero and 0.1 mm a month or more. A line's name leads to all of "
+        "its sections."
     )
 
 
