@@ -39,9 +39,9 @@ class BatchChoices:
     out: Annotated[
         str, typer.Option("-o", "--out", metavar="STORE", help="Folder or URL for results and their catalogue.")
     ]
-    line: Annotated[str | None, typer.Option(metavar="NAME", help="Of runs whose row names no line.")] = None
+    line: Annotated[str | None, typer.Option(metavar="NAME", help="Line of runs whose row names none.")] = None
     map_location: Annotated[
-        str | None, typer.Option("--map", metavar="MAP", help="For runs whose row names no map.")
+        str | None, typer.Option("--map", metavar="MAP", help="Map for runs whose row names none.")
     ] = None
     known_line: Annotated[str | None, typer.Option(metavar="FILE", help="Tracks of runs whose row names none.")] = None
     config: Annotated[str | None, typer.Option(metavar="C.toml", help="Settings of runs whose row names none.")] = None
@@ -49,8 +49,8 @@ class BatchChoices:
         int | None,
         typer.Option(metavar="N", min=1, help="Runs at a time. As many as cores and memory allow if absent."),
     ] = None
-    timeout: Annotated[float, typer.Option(metavar="S", min=0.0, help="Longest time for one run.")] = 14400.0
-    memory: Annotated[float, typer.Option(metavar="GB", min=0.001, help="Most memory for one run.")] = 4.0
+    timeout: Annotated[float, typer.Option(metavar="S", min=0.0, help="Longest time for one run, s.")] = 14400.0
+    memory: Annotated[float, typer.Option(metavar="GB", min=0.001, help="Most memory for one run, GB.")] = 4.0
     scheduler: Annotated[
         str | None, typer.Option(metavar="URL", help="Compute on a running dask.distributed cluster: tcp://HOST:8786.")
     ] = None

@@ -55,7 +55,10 @@ class CompareOptions:
         ),
     ] = None
     seeds: Annotated[int, typer.Option(metavar="N", min=1, help="Runs of each scenario.")] = 3
-    duration: Annotated[float | None, typer.Option(metavar="S", help="Length of every simulated run, s.")] = None
+    duration: Annotated[
+        float | None,
+        typer.Option(metavar="S", help="Length of every simulated run, s; that of its scenario if absent."),
+    ] = None
     jobs: Annotated[int | None, typer.Option(metavar="N", min=1, help="Processes. As many as cores if absent.")] = None
     peers: Annotated[
         bool, typer.Option("--peers", help="Run other packages too, where they are installed: some are slow.")

@@ -18,14 +18,14 @@ class ExportChoices:
 
     result: ResultFolder
     to: Annotated[
-        str, typer.Option("--to", metavar="FORMAT", help="Its name; `trackfg export --list OUT` shows all.")
+        str, typer.Option("--to", metavar="FORMAT", help="Format to write; `trackfg export OUT --list` shows all.")
     ] = "csv"
     out: Annotated[Path | None, out_file("File to write; by default named after OUT.")] = None
     table: Annotated[str, typer.Option(metavar="NAME", help="geometry, trajectory, events or balises, for csv.")] = (
         "geometry"
     )
     template: Annotated[Path | None, typer.Option(metavar="T.toml", help="Columns of a channel file.")] = None
-    step: Annotated[float, typer.Option(metavar="M", min=0.01, help="Spacing of drawn vertices.")] = 1.0
+    step: Annotated[float, typer.Option(metavar="M", min=0.01, help="Spacing of drawn vertices, m.")] = 1.0
     km: Annotated[bool, typer.Option("--km", help="Write official places, such as 12+345.60, too.")] = False
     bands: Annotated[bool, typer.Option("--bands", help="Level and alignment in the bands D2 and D3, in tables.")] = (
         False

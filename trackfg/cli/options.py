@@ -46,7 +46,7 @@ LIMITS_HELP = "A table of limits (.toml), or cfr-213 (49 CFR 213), or one class 
 Limits = Annotated[str | None, typer.Option("--limits", metavar="FILE|NAME", help=LIMITS_HELP)]
 Level = Annotated[str | None, typer.Option(metavar="NAME", help="Only the limits of this level.")]
 LineSpeed = Annotated[
-    float | None, typer.Option(metavar="KMH", min=0.0, help="Speed of the line, for limits by speed.")
+    float | None, typer.Option(metavar="KMH", min=0.0, help="Speed of the line, km/h, for limits by speed.")
 ]
 
 
@@ -97,7 +97,9 @@ Km = Annotated[
 
 PORT = 8765
 """The port of pages unless another is named: always the same, so that an open page finds what is served again."""
-Port = Annotated[int, typer.Option("--port", metavar="N", min=0, max=65535, help="Of the page; 0: any that is free.")]
+Port = Annotated[
+    int, typer.Option("--port", metavar="N", min=0, max=65535, help="Port of the page; 0: any that is free.")
+]
 
 
 def newest_map(location: str | None) -> FeatureMap | None:

@@ -40,7 +40,7 @@ class StreamOptions:
         str, typer.Option("-o", "--out", metavar="OUT", help="Folder for Parquet parts, or - for JSON lines.")
     ]
     lag: Annotated[
-        float, typer.Option(metavar="S", help="Smoothed estimates come this much later than the newest rows.")
+        float, typer.Option(metavar="S", help="Smoothed estimates come this many seconds later than the newest rows.")
     ] = 10.0
     config: Config = None
     map_location: Annotated[

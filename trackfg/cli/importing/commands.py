@@ -43,7 +43,7 @@ OutOfEach = Annotated[
     Path, typer.Option("-o", "--out", metavar="REC", help="Folder for the recording; of several sources for them all.")
 ]
 Format = Annotated[
-    str | None, typer.Option("--from", metavar="FORMAT", help="Its format; by default it is recognised.")
+    str | None, typer.Option("--from", metavar="FORMAT", help="Format of the source; by default it is recognised.")
 ]
 
 _SHOWN = {

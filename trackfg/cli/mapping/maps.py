@@ -25,23 +25,25 @@ maps = Commands(help="Feature maps: what repeated runs say together about a line
 
 _PLACE = "Path of a .gpkg, or postgresql://... URL."
 MapPlace = Annotated[str, typer.Argument(metavar="MAP", help=_PLACE)]
-Version = Annotated[int | None, typer.Option(metavar="N", help="The newest if absent.")]
+Version = Annotated[int | None, typer.Option(metavar="N", help="Version of the map. The newest if absent.")]
 
 
 @maps.command(example="trackfg map build out1 out2 run3 -o line.gpkg", loads="trackfg.cli.mapping.map_file")
 def build(
     runs: Annotated[list[str], typer.Argument(metavar="RUN", help="Folders of results, or of recordings; a store.")],
     place: Annotated[str, typer.Option("-o", "--out", metavar="MAP", help=_PLACE)],
-    name: Annotated[str | None, typer.Option(metavar="NAME", help="Of the line, for a new map.")] = None,
+    name: Annotated[str | None, typer.Option(metavar="NAME", help="Name of the line, for a new map.")] = None,
     config: Annotated[
         Path | None, typer.Option(metavar="C.toml", help="Settings for recordings, which are smoothed first.")
     ] = None,
-    line: Annotated[str | None, typer.Option(metavar="LINE", help="Of the runs of a store with several.")] = None,
+    line: Annotated[
+        str | None, typer.Option(metavar="LINE", help="Line whose runs are joined, of a store with several.")
+    ] = None,
     jobs: Annotated[
         int | None, typer.Option(metavar="N", min=1, help="Processes. As many as cores and memory allow if absent.")
     ] = None,
     scheduler: Annotated[
-        str | None, typer.Option(metavar="URL", help="Of a running dask.distributed cluster: tcp://HOST:8786.")
+        str | None, typer.Option(metavar="URL", help="Compute on a running dask.distributed cluster: tcp://HOST:8786.")
     ] = None,
 ) -> None:
     """Join runs into a map: a new one, or the newest version of the one that is there.
@@ -71,7 +73,7 @@ def changes(
     out: TableFile = None,
     version: Version = None,
     floor: Annotated[
-        float, typer.Option(metavar="MM", min=0.0, help="Least change of cross-level, twist and versines.")
+        float, typer.Option(metavar="MM", min=0.0, help="Least change of cross-level, twist and versines, mm.")
     ] = 1.0,
     km: Km = None,
     json: Json = False,
@@ -125,7 +127,9 @@ class TrendChoices:
             help="Million tonnes that had passed by each date (.csv: date, mt): rates are per million tonnes then.",
         ),
     ] = None
-    layers: Annotated[bool, typer.Option("--layers", help="Put them into the map, as layers for a GIS, too.")] = False
+    layers: Annotated[bool, typer.Option("--layers", help="Put the trends into the map, as layers for a GIS, too.")] = (
+        False
+    )
     json: Json = False
 
 

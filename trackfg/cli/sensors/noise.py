@@ -24,7 +24,8 @@ def noise(
     log: Annotated[Path, typer.Argument(metavar="LOG", help="Folder of a recording, or a file to import.")],
     out: Annotated[Path | None, out_file("Allan deviations: .csv, .png, .svg or .html.")] = None,
     temperature: Annotated[
-        str | None, typer.Option(metavar="COLUMN", help="Of the temperature, degC; by default its name shows it.")
+        str | None,
+        typer.Option(metavar="COLUMN", help="Column of the temperature, degC; by default its name shows it."),
     ] = None,
     json: Json = False,
 ) -> None:

@@ -46,7 +46,9 @@ class SmoothOptions:
     alignment: Annotated[str | None, typer.Option(metavar="NAME", help="This one alone of several in LandXML.")] = None
     memory: Annotated[
         float,
-        typer.Option(metavar="GB", min=0.001, help="About the most memory: what is beyond lies in a file beside OUT."),
+        typer.Option(
+            metavar="GB", min=0.001, help="About the most memory, GB: what is beyond lies in a file beside OUT."
+        ),
     ] = 2.0
     json: Json = False
 
