@@ -31,6 +31,7 @@ from typing import Any
 
 import pandas as pd
 import pyarrow as pa
+from pydantic import ValidationError
 
 from trackfg.errors import BadInputError, TrackfgError
 from trackfg.files.atomic_folder import replaced_folder
@@ -203,7 +204,7 @@ class Result(KeyFigures):
                 trajectory=read_frame(content[_TRAJECTORY]),
                 geometry=read_frame(content[_GEOMETRY]),
                 events=_csv(content[_EVENTS], _EVENT_TYPES),
-                summary=Summary.model_validate_json(content[_SUMMARY]),
+                summary=_read_summary(content[_SUMMARY]),
                 covariance=PlaceCovariance.from_frame(read_frame(content[_COVARIANCE])),
                 **_of_balises(content),
             )
@@ -213,12 +214,27 @@ class Result(KeyFigures):
         return result
 
 
+def _read_summary(content: bytes) -> Summary:
+    """Return the summary of a file. Raises ``ValueError`` with the first fault, in a line."""
+    try:
+        return Summary.model_validate_json(content)
+    except ValidationError as error:
+        faults = error.errors(include_url=False)
+        fault = next((other for other in faults if other["loc"] == ("format",)), faults[0])
+        if fault["loc"] == ("format",):
+            expected = Summary.model_fields["format"].default
+            hint = "Hint: use the newest trackfg, or smooth the recording again"
+            raise ValueError(f"{_SUMMARY} has the format {fault['input']!r}; expected {expected!r}. {hint}") from error
+        place = ".".join(str(part) for part in fault["loc"])
+        raise ValueError(f"{_SUMMARY}{', ' if place else ''}{place}: {fault['msg']}") from error
+
+
 def read_geometry(folder: Path) -> tuple[pd.DataFrame, Summary]:
     """Return geometry and summary of a result, without what else is in it. Raises :class:`BadInputError`."""
     content = RESULT_FOLDER.read(folder, GEOMETRY_FILES)
     try:
         geometry = read_frame(content[_GEOMETRY])
-        summary = Summary.model_validate_json(content[_SUMMARY])
+        summary = _read_summary(content[_SUMMARY])
         _refuse_other_columns(geometry, _geometry_columns(geometry))
         _refuse_unsound_geometry(geometry, summary)
     except _FAULTS as error:

@@ -242,6 +242,10 @@ def cut(path: Path) -> None:
         (lambda folder: (folder / "trajectory.parquet").write_bytes(b"PAR1"), "not a readable trackfg result"),
         (lambda folder: cut(folder / "trajectory.parquet"), "has no rows: expected those of a run that was smoothed"),
         (lambda folder: (folder / "summary.json").write_text("{}"), "not a readable trackfg result"),
+        (
+            lambda folder: (folder / "summary.json").write_text('{"format": "trackfg-result/9"}'),
+            "result: summary.json has the format 'trackfg-result/9'; expected 'trackfg-result/1'. Hint: use the newest",
+        ),
         (lambda folder: (folder / "events.csv").write_text("kind\nslip\n"), "not a readable trackfg result"),
     ],
 )
