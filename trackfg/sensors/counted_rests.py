@@ -77,7 +77,6 @@ _MOVES_MPS = 1.0
 _BLOCK = 5
 """Pieces of a block, whose means are independent: 0.5 s."""
 
-
 _MOST_BLOCKS = 60
 """Longer candidates have longer blocks."""
 
