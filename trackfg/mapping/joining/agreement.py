@@ -3,8 +3,8 @@
 The rows that a run gives on the map's variables (:mod:`trackfg.mapping.joining.anchors`) are whitened by the run's own
 covariance, one anchor after the other: a row is how far the run went from the anchors before to this one, in sigmas of
 that. If the run's sigmas are right, the residuals ``e`` of the joint solution are normal. Where they are too small, all
-of them are larger; where positions erred in a street for a while, or a slip was not found, some are. Both is Student's
-distribution with ``nu`` degrees of freedom, common to all runs, and a scale ``s >= 1`` of each run:
+of them are larger; where positions erred in a street for a while, or a slip was not found, some are. Student's
+distribution describes both, with ``nu`` degrees of freedom, common to all runs, and a scale ``s >= 1`` of each run:
 
     weight    w = (nu + 1) / (nu + (e^2 + h) / s^2),    h the variance of the joint solution in that row,
     scale     s^2 = sum(w e^2) / sum(r),                r = 1 - W h the redundancy of a row that counted W,
