@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from rich.text import TextType
 
     from trackfg.interchange.importing.conversion import Imported
+    from trackfg.interchange.importing.geometry_reading import GeometryReading
     from trackfg.interchange.importing.proposals.questions import Ask, Proposal, Question
     from trackfg.interchange.importing.source_format import SourceFormat
     from trackfg.interchange.importing.source_table import SourceTable
@@ -83,7 +84,6 @@ def import_recording(
     already are left as they are; exit status 1 if one fails.
     """
     from trackfg.errors import BadInputError
-    from trackfg.interchange.importing.channels.measured_geometry import measured_result
     from trackfg.interchange.importing.channels.source_geometry import geometry_in, source_tables
     from trackfg.interchange.importing.mapping import read_mapping
 
@@ -107,10 +107,7 @@ def import_recording(
         form, tables = source_tables(source, from_format, None)
         measured = geometry_in(tables, None, source.stem)
     if measured is not None:
-        result = measured_result(*measured)
-        result.write(out)
-        print_notes(notes_of_geometry(*measured[:2]))
-        _report(result, out)
+        _write_geometry(*measured, out)
         return
     proposal, proposed = _proposed(source, out, form, tables, _assume)
     _note_reasons(proposal)
@@ -133,7 +130,6 @@ def init(
     """
     from trackfg.errors import BadInputError
     from trackfg.files.atomic_file import write_whole
-    from trackfg.interchange.importing.channels.measured_geometry import measured_result
     from trackfg.interchange.importing.channels.source_geometry import geometry_in, geometry_mapping_text, source_tables
     from trackfg.interchange.importing.proposal import mapping_text
 
@@ -148,10 +144,7 @@ def init(
         form, tables = source_tables(source, from_format, None)
         measured = geometry_in(tables, None, source.stem)
     if measured is not None:
-        result = measured_result(*measured)
-        result.write(out)
-        print_notes(notes_of_geometry(*measured[:2]))
-        _report(result, out)
+        _write_geometry(*measured, out)
         write_whole(target, geometry_mapping_text(measured[1]).encode("utf-8"))
         print_unless_quiet(f"mapping: {target}")
         return
@@ -283,6 +276,16 @@ def _ask(question: Question) -> str:
         by_mapping = "state it in a mapping, for trackfg import (docs/importing.md)"
         hint = "take the defaults by --yes" if question.default else by_mapping
         raise BadInputError(f"{question.key}: no answer to: {question.text}. Hint: {hint}") from None
+
+
+def _write_geometry(table: SourceTable, reading: GeometryReading, name: str, out: Path) -> None:
+    """Write a channel table as a result, and report on it."""
+    from trackfg.interchange.importing.channels.measured_geometry import measured_result
+
+    result = measured_result(table, reading, name)
+    result.write(out)
+    print_notes(notes_of_geometry(table, reading))
+    _report(result, out)
 
 
 def _report(made: Imported | Result, out: Path) -> None:
